@@ -1,0 +1,1 @@
+"""Values that every room shares; needs numpy and the standard library only."""

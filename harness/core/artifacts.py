@@ -1,0 +1,209 @@
+"""The values that travel through the house: Scan, Capture, Reconstruction.
+
+Each is a plain frozen value with a form on disk, so that each stage can be run, resumed, replaced or
+supplied from elsewhere on its own.
+
+Before: ``data_manifest.yaml``. After: ``harness/data/scans.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.camera import Camera
+from harness.core.errors import DataError
+from harness.core.files import read_json
+from harness.core.mesh import Mesh
+
+__all__ = [
+    "CAPTURE_SCHEMA",
+    "Body",
+    "Capture",
+    "Reconstruction",
+    "Scan",
+    "StageCost",
+    "image_name",
+]
+
+Floats = NDArray[np.float64]
+
+CAPTURE_SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A subject's true surface on disk, with all that turns it into metres in the world frame.
+
+    Attributes:
+        dataset: Name of the dataset in the manifest.
+        subject: Id within the dataset.
+        mesh_path: Textured mesh file in its own units.
+        scale_rule: What turned units into metres, as written in the manifest.
+        scan_to_world: (4, 4) similarity from file coordinates to world metres: +Y up, facing +Z,
+            bounding box centred at the origin.
+        sha256: Of the mesh file, its material and its texture, by file name.
+        warnings: What a reader of the numbers should know, such as an unusual height.
+        body_path: Parameters and vertices of the true body, where the dataset has them.
+        labels_path: Per-face region labels, where the dataset has them.
+    """
+
+    dataset: str
+    subject: str
+    mesh_path: Path
+    scale_rule: str
+    scan_to_world: Floats
+    sha256: Mapping[str, str]
+    warnings: tuple[str, ...] = ()
+    body_path: Path | None = None
+    labels_path: Path | None = None
+
+    def identity(self) -> dict[str, object]:
+        """What makes two scans the same: content and placement, not where they lie."""
+        return {
+            "dataset": self.dataset,
+            "subject": self.subject,
+            "scale_rule": self.scale_rule,
+            "scan_to_world": np.round(self.scan_to_world, 9).tolist(),
+            "sha256": dict(self.sha256),
+        }
+
+
+def image_name(view: int) -> str:
+    """The image file of a view, relative to its capture's folder."""
+    return f"rgb/{view:02d}.png"
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """Calibrated RGBA photos of one subject: all that a method may see.
+
+    Attributes:
+        dataset: Name of the dataset in the manifest.
+        subject: Id within the dataset.
+        recipe: Name of the render recipe.
+        key: Content id of everything that made the images.
+        directory: Folder with ``capture.json`` and ``rgb/``.
+        cameras: One camera per view, in order.
+        warnings: For instance views in which the frame cuts the subject.
+        provenance: Recipe, scan identity, renderer, device, proof; as in ``capture.json``.
+    """
+
+    dataset: str
+    subject: str
+    recipe: str
+    key: str
+    directory: Path
+    cameras: tuple[Camera, ...]
+    warnings: tuple[str, ...] = ()
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    def image_path(self, view: int) -> Path:
+        """The PNG of a view: 8-bit sRGB colour, alpha is coverage."""
+        return self.directory / image_name(view)
+
+    def to_dict(self) -> dict[str, object]:
+        """The content of ``capture.json``."""
+        return {
+            "schema": CAPTURE_SCHEMA,
+            "dataset": self.dataset,
+            "subject": self.subject,
+            "recipe": self.recipe,
+            "key": self.key,
+            "cameras": [camera.to_dict() for camera in self.cameras],
+            "warnings": list(self.warnings),
+            "provenance": dict(self.provenance),
+        }
+
+    @classmethod
+    def load(cls, directory: Path) -> Capture:
+        """The capture in a folder.
+
+        Raises:
+            DataError: no ``capture.json``, another schema, or an image that is not there.
+        """
+        path = directory / "capture.json"
+        document = read_json(path)
+        if document.get("schema") != CAPTURE_SCHEMA:
+            raise DataError(
+                f"{path} is of another version",
+                expected=f"schema {CAPTURE_SCHEMA}",
+                got=str(document.get("schema")),
+                hint="Delete the folder and render again",
+            )
+        try:
+            capture = cls(
+                dataset=str(document["dataset"]),
+                subject=str(document["subject"]),
+                recipe=str(document["recipe"]),
+                key=str(document["key"]),
+                directory=directory,
+                cameras=tuple(Camera.from_dict(entry) for entry in document["cameras"]),  # type: ignore[attr-defined]
+                warnings=tuple(document["warnings"]),  # type: ignore[arg-type]
+                provenance=dict(document["provenance"]),  # type: ignore[call-overload]
+            )
+        except (KeyError, TypeError) as error:
+            raise DataError(f"{path} is incomplete", got=repr(error)) from error
+        for view in range(len(capture.cameras)):
+            if not capture.image_path(view).is_file():
+                raise DataError(
+                    f"view {view} of {directory} is missing",
+                    expected=str(capture.image_path(view)),
+                    hint="Delete the folder and render again",
+                )
+        return capture
+
+
+@dataclass(frozen=True, slots=True)
+class StageCost:
+    """What one stage of a method took.
+
+    Attributes:
+        name: Stage, such as ``carve`` or ``poisson``.
+        wall_s: Wall-clock seconds.
+        peak_rss_mib: Peak resident memory of the process tree, MiB.
+        peak_gpu_mib: Peak GPU memory, MiB; None where no GPU was used.
+    """
+
+    name: str
+    wall_s: float
+    peak_rss_mib: float
+    peak_gpu_mib: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A fitted parametric body in the world frame.
+
+    Attributes:
+        model: Name of the body model.
+        vertices: (V, 3) metres.
+        joints: (J, 3) metres.
+        faces: (F, 3) vertex indices.
+        parameters: The model's own parameters, as arrays.
+    """
+
+    model: str
+    vertices: Floats
+    joints: Floats
+    faces: NDArray[np.int32]
+    parameters: Mapping[str, NDArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Reconstruction:
+    """What a method made of a capture.
+
+    Attributes:
+        mesh: Clothed surface, metres, world frame.
+        body: The fitted body, for methods that fit one.
+        details: Whatever a reader of the record should know, as JSON values.
+    """
+
+    mesh: Mesh
+    body: Body | None = None
+    details: Mapping[str, object] = field(default_factory=dict)

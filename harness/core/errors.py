@@ -1,0 +1,97 @@
+"""Every error that a user can cause, and what the command line answers with.
+
+``HarnessError`` is the root; the command line prints its message in one line, without a traceback,
+and exits with ``exit_code``. Anything else is a defect of ours and keeps its traceback.
+
+======================  =========  ==================================================
+class                   exit code  meaning
+======================  =========  ==================================================
+``HarnessError``        2          a request that cannot be carried out as given
+``DataError``           3          a file or mesh is not what it should be
+``MissingPart``         4          a licensed or optional part is not installed
+``MethodError``         5          a method, renderer or worker process failed
+``ProtocolMismatch``    6          numbers of different protocols would be mixed
+======================  =========  ==================================================
+
+Exit code 1 is kept for "the command ran and the answer is no": failed subjects, moved numbers.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = [
+    "DataError",
+    "HarnessError",
+    "MethodError",
+    "MissingPart",
+    "ProtocolMismatch",
+    "did_you_mean",
+]
+
+
+class HarnessError(Exception):
+    """A request that cannot be carried out.
+
+    The message says what and where; ``expected`` and ``got`` are appended when given; ``hint`` is
+    the next step.
+    """
+
+    exit_code = 2
+
+    def __init__(self, what: str, *, expected: str = "", got: str = "", hint: str = "") -> None:
+        self.what, self.expected, self.got, self.hint = what, expected, got, hint
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        contrast = "; ".join(
+            f"{label} {text}"
+            for label, text in (("expected", self.expected), ("got", self.got))
+            if text
+        )
+        text = f"{self.what} ({contrast})" if contrast else self.what
+        return f"{text}. {self.hint}" if self.hint else text
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (type(self), self.what, self.expected, self.got, self.hint))
+
+
+def _rebuild(
+    kind: type[HarnessError], what: str, expected: str, got: str, hint: str
+) -> HarnessError:
+    return kind(what, expected=expected, got=got, hint=hint)
+
+
+class DataError(HarnessError):
+    """A file, mesh, image or manifest is not what it should be."""
+
+    exit_code = 3
+
+
+class MissingPart(HarnessError):
+    """A licensed, optional or system part is not there; the hint says where it comes from."""
+
+    exit_code = 4
+
+
+class MethodError(HarnessError):
+    """A method, a renderer or their worker process failed."""
+
+    exit_code = 5
+
+
+class ProtocolMismatch(HarnessError):
+    """Numbers made under different protocols or datasets would meet in one table."""
+
+    exit_code = 6
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A hint that names the nearest known spelling, or lists what is known."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    if close:
+        return f"Did you mean '{close[0]}'?"
+    shown = ", ".join(names[:20]) or "none"
+    return f"Known: {shown}{f' and {len(names) - 20} more' if len(names) > 20 else ''}"

@@ -1,0 +1,1 @@
+"""Mesh files: OBJ, PLY, GLB, OFF and STL, each read by one module of numpy."""

@@ -1,0 +1,54 @@
+"""Mesh files by extension: one strict, explained failure per defect, and no repair on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from harness.core.errors import DataError
+from harness.core.formats.gltf import read_glb
+from harness.core.formats.obj import read_obj, write_obj
+from harness.core.formats.plain import read_off, read_stl
+from harness.core.formats.ply import read_ply, write_ply
+from harness.core.mesh import Mesh
+
+__all__ = ["MESH_SUFFIXES", "load_mesh", "save_mesh"]
+
+_READERS = {".ply": read_ply, ".glb": read_glb, ".off": read_off, ".stl": read_stl}
+#: File name extensions that ``load_mesh`` reads, in the order in which a folder is searched.
+MESH_SUFFIXES = (".ply", ".obj", ".glb", ".off", ".stl")
+
+
+def load_mesh(path: Path, *, texture: bool = False) -> Mesh:
+    """The mesh in a file, as it stands there: nothing merged, dropped, scaled or turned.
+
+    Args:
+        path: An OBJ, PLY, GLB, OFF or STL file.
+        texture: Whether texture coordinates and image are wanted (OBJ only).
+
+    Raises:
+        DataError: no such file, an unknown format, or any defect of content.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        raise DataError(
+            f"{path} is of an unknown mesh format",
+            expected=", ".join(MESH_SUFFIXES),
+            got=suffix or "no extension",
+        )
+    if not path.is_file():
+        raise DataError(f"no mesh at {path}")
+    if suffix == ".obj":
+        return read_obj(path, texture=texture)
+    if texture:
+        raise DataError(f"{path} cannot be read with its texture", expected="an OBJ file")
+    return _READERS[suffix](path)
+
+
+def save_mesh(path: Path, mesh: Mesh) -> None:
+    """Write a mesh atomically as PLY (binary) or OBJ, by the path's extension."""
+    writers = {".ply": write_ply, ".obj": write_obj}
+    suffix = path.suffix.lower()
+    if suffix not in writers:
+        raise DataError(f"cannot write {path}", expected=" or ".join(writers), got=suffix)
+    writers[suffix](path, mesh)

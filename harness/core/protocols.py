@@ -1,0 +1,151 @@
+"""The plug-in protocols: Method, Metric, BodyModel, NormalEstimator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture, Reconstruction
+from harness.core.mesh import Mesh
+
+__all__ = [
+    "BodyModel",
+    "Context",
+    "Method",
+    "MethodInfo",
+    "NormalEstimator",
+    "Part",
+]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A learned or licensed ingredient of a method, as records name it.
+
+    Attributes:
+        role: What it is for, such as ``body model``.
+        name: What it is, with its version.
+        licence: SPDX id or the licence's name.
+        sha256: Of its weights, where it has any.
+    """
+
+    role: str
+    name: str
+    licence: str
+    sha256: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {
+            "role": self.role,
+            "name": self.name,
+            "licence": self.licence,
+            "sha256": self.sha256,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class MethodInfo:
+    """What a method says of itself before it runs.
+
+    Attributes:
+        name: The name on the command line.
+        title: The name in tables.
+        version: Changes whenever the method's output may change; part of every record's key.
+        views: Indices into the rig, or None for all views.
+        parts: Ingredients with their licences.
+        privileges: What it is given beyond pixels and masks, such as ``known cameras``.
+        parameters: Every setting that influences the output.
+    """
+
+    name: str
+    title: str
+    version: str
+    views: tuple[int, ...] | None = None
+    parts: tuple[Part, ...] = ()
+    privileges: tuple[str, ...] = ()
+    parameters: Mapping[str, object] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "version": self.version,
+            "views": None if self.views is None else list(self.views),
+            "parts": [part.to_dict() for part in self.parts],
+            "privileges": list(self.privileges),
+            "parameters": dict(self.parameters),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What the pipeline lends a method for one subject.
+
+    Attributes:
+        seed: For this method and subject; equal inputs must give equal output.
+        workdir: Folder for intermediate results, kept on request only.
+        device: ``cpu`` or ``cuda``.
+        stage: ``with context.stage("carve"):`` times a stage and watches its memory.
+        privileged: What the method's declared privileges ask for, by privilege.
+    """
+
+    seed: int
+    workdir: Path
+    device: str
+    stage: Callable[[str], AbstractContextManager[None]]
+    privileged: Mapping[str, Any] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Method(Protocol):
+    """Makes a clothed mesh from a capture."""
+
+    info: MethodInfo
+
+    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
+        """The subject's clothed surface in metres, world frame.
+
+        Raises:
+            MethodError: the capture cannot be reconstructed; the reason goes into the record.
+            MissingPart: a part is not installed.
+        """
+        ...
+
+
+class Metric(Protocol):
+    """Compares two meshes in the world frame, in metres, under a protocol."""
+
+    def __call__(self, predicted: Mesh, truth: Mesh, protocol: Any) -> Any:
+        """The metric's value with its unit and per-point errors."""
+        ...
+
+
+class BodyModel(Protocol):
+    """A differentiable parametric body."""
+
+    name: str
+    faces: NDArray[np.int32]
+
+    def __call__(self, parameters: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Vertices (B, V, 3) and joints (B, J, 3), metres, as tensors."""
+        ...
+
+
+class NormalEstimator(Protocol):
+    """Predicts clothed normals from a photo and the body's normals."""
+
+    def __call__(
+        self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats
+    ) -> tuple[Floats, Floats]:
+        """Clothed front and back normals (H, W, 3): x right, y up, z towards the viewer."""
+        ...

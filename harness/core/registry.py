@@ -1,0 +1,58 @@
+"""Names that become objects on first use, so that listing costs no import."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+from typing import Any
+
+from harness.core.errors import HarnessError, MissingPart, did_you_mean
+
+__all__ = ["Registry"]
+
+
+class Registry:
+    """Lazy ``"module:object"`` targets by name, open to third parties by entry points.
+
+    Args:
+        kind: What is registered, for messages, such as ``method``.
+        targets: Built-in names; a third party cannot replace them.
+        group: Entry-point group for third parties, or an empty string for none.
+    """
+
+    def __init__(self, kind: str, targets: dict[str, str], group: str = "") -> None:
+        self.kind = kind
+        self._targets = dict(targets)
+        self._group = group
+
+    def targets(self) -> dict[str, str]:
+        """All names with their targets; built-in ones win a clash."""
+        found = (
+            {point.name: point.value for point in entry_points(group=self._group)}
+            if self._group
+            else {}
+        )
+        return {**found, **self._targets}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.targets())
+
+    def resolve(self, name: str) -> Any:
+        """The object behind a name.
+
+        Raises:
+            HarnessError: an unknown name; the hint holds the nearest known one.
+            MissingPart: the module needs a package that is not installed.
+        """
+        targets = self.targets()
+        if name not in targets:
+            raise HarnessError(f"unknown {self.kind} '{name}'", hint=did_you_mean(name, targets))
+        module_name, _, attribute = targets[name].partition(":")
+        try:
+            return getattr(importlib.import_module(module_name), attribute)
+        except ImportError as error:
+            raise MissingPart(
+                f"{self.kind} '{name}' could not be loaded: {error}",
+                hint="Run 'harness doctor' to see what is missing and how to install it",
+            ) from error

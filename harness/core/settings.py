@@ -1,0 +1,101 @@
+"""The two settings that decide what a number means: how it is photographed, how it is scored.
+
+Both are read from ``data_manifest.yaml`` and hashed into every record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import ClassVar, Literal
+
+from harness.core.camera import Camera
+from harness.core.hashing import content_hash
+from harness.core.rigs import RingRig
+
+__all__ = ["MetricProtocol", "RenderRecipe"]
+
+
+@dataclass(frozen=True, slots=True)
+class RenderRecipe:
+    """Every setting of a render, in one place.
+
+    Attributes:
+        name: As on the command line.
+        rig: Camera arrangement.
+        width: Image width in pixels.
+        height: Image height in pixels.
+        renderer: Name in the renderer catalogue.
+        samples: Light paths per pixel.
+        light_strength: Radiance of the neutral, uniform studio light that comes from everywhere.
+        key_light_strength: Radiance of a large soft light at the upper left of every view's camera
+            that lets folds cast shade; 0 turns it off.
+        denoise: Whether the renderer's denoiser runs on colour (alpha is never denoised).
+        seed: Of the light paths.
+        minimum_mask_iou: The proof: least IoU of alpha and ray-cast mask in any view.
+        version: Changes whenever the pictures may change for equal settings.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+    name: str
+    rig: RingRig
+    width: int
+    height: int
+    renderer: str = "blender"
+    samples: int = 16
+    light_strength: float = 0.8
+    key_light_strength: float = 1.0
+    denoise: bool = True
+    seed: int = 0
+    minimum_mask_iou: float = 0.995
+    version: int = 1
+
+    def cameras(self) -> tuple[Camera, ...]:
+        """The recipe's cameras, in order of view."""
+        return self.rig.cameras(self.width, self.height)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return asdict(self)
+
+    @property
+    def sha(self) -> str:
+        """Content id of all settings."""
+        return content_hash(self.to_dict())
+
+
+@dataclass(frozen=True, slots=True)
+class MetricProtocol:
+    """How two meshes become numbers. Numbers of different protocols never share a table.
+
+    Attributes:
+        name: As on the command line.
+        version: Changes whenever the numbers may change for equal meshes.
+        samples: Points drawn on each mesh.
+        sampling: ``independent`` draws each point by itself; ``stratified`` draws one in each of
+            ``samples`` strips of equal area, which lowers the sampling error several times.
+        chamfer: ``sample-to-sample`` takes distances between the two sets of samples (as published;
+            has a sampling floor), ``point-to-surface`` the mean of accuracy and completeness.
+        seed: Root of the two meshes' random streams.
+        minimum_scale_ratio: Least ratio of the two bounding-box diagonals (either way round)
+            under which the meshes are believed to have the same unit.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+    name: str
+    version: int
+    samples: int
+    sampling: Literal["independent", "stratified"]
+    chamfer: Literal["sample-to-sample", "point-to-surface"]
+    seed: int = 0
+    minimum_scale_ratio: float = 0.5
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return asdict(self)
+
+    @property
+    def sha(self) -> str:
+        """Content id of all settings."""
+        return content_hash(self.to_dict())

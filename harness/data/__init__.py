@@ -1,0 +1,1 @@
+"""What is measured: the manifest, the scans, the generated avatars."""

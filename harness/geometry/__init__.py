@@ -1,0 +1,1 @@
+"""What several rooms ask of a mesh and a camera: rays, normals, masks, pictures."""

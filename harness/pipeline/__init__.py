@@ -1,0 +1,1 @@
+"""The run: matrix, records, resume, regression check, doctor."""

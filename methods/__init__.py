@@ -1,0 +1,1 @@
+"""Turn a capture into a clothed mesh."""

@@ -1,0 +1,1 @@
+"""Turn two meshes into numbers with units: pure functions on arrays."""

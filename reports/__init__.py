@@ -1,0 +1,1 @@
+"""Turn records into tables and figures; nothing here computes a metric."""
