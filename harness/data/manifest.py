@@ -1,0 +1,286 @@
+"""The manifest: datasets, splits, rigs, render recipes and metric protocols, checked by pydantic.
+
+An error names the file, the line and the key, and suggests the nearest valid one.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
+from harness.core.rigs import RingRig
+from harness.core.settings import MetricProtocol, RenderRecipe
+
+__all__ = ["Dataset", "Manifest", "Split", "default_manifest_path", "load_manifest"]
+
+_SCALE_RULE = re.compile(r"fit|metres|height=\d+(\.\d+)?")
+_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _scale_rule(value: object) -> object:
+    if not isinstance(value, str) or not _SCALE_RULE.fullmatch(value):
+        raise ValueError("expected 'fit', 'metres' or 'height=<metres>'")
+    return value
+
+
+class Dataset(_Strict):
+    """Subjects in THuman's layout, with the explicit rule that turns their units into metres.
+
+    Attributes:
+        title: Name in tables.
+        kind: ``generated`` is made here; ``thuman`` is the user's own licensed copy.
+        licence: Of the scans.
+        root: Folder; ``${VARIABLE}`` is taken from the environment, relative paths from the
+            workspace.
+        scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale) or ``height=1.75``.
+        facing: ``+z``, ``fit`` (the fit's global orientation) or the yaw in degrees by subject.
+        subjects: Ids, in the order of tables.
+        source: Where the user gets the data.
+        sha256: Expected checksums by path below the root.
+    """
+
+    title: str
+    kind: Literal["generated", "thuman"]
+    licence: str
+    root: str
+    scale: Annotated[str, BeforeValidator(_scale_rule)]
+    facing: Literal["+z", "fit"] | dict[str, float]
+    subjects: tuple[str, ...]
+    source: str = ""
+    sha256: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _subjects_are_distinct(self) -> Dataset:
+        repeated = sorted({name for name in self.subjects if self.subjects.count(name) > 1})
+        if not self.subjects or repeated:
+            raise ValueError(
+                f"subjects are empty or repeated: {', '.join(repeated) or 'none given'}"
+            )
+        return self
+
+
+class Split(_Strict):
+    """A named subset of a dataset's subjects."""
+
+    dataset: str
+    subjects: tuple[str, ...]
+
+
+class _Document(_Strict):
+    """The file as it stands."""
+
+    # ``schema`` would shadow a method of pydantic's.
+    schema_version: Literal[1] = Field(alias="schema")
+    datasets: dict[str, Dataset]
+    splits: dict[str, Split] = Field(default_factory=dict)
+    rigs: dict[str, RingRig]
+    recipes: dict[str, dict[str, Any]]
+    protocols: dict[str, dict[str, Any]]
+
+
+class _Recipe(_Strict):
+    value: RenderRecipe
+
+
+class _Protocol(_Strict):
+    value: MetricProtocol
+
+
+class Manifest:
+    """A checked manifest; every look-up of an unknown name says which is nearest."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lines, raw = _parse(path)
+        document = self._validate(_Document, raw, ())
+        self.datasets: dict[str, Dataset] = document.datasets
+        self.splits: dict[str, Split] = document.splits
+        self.recipes: dict[str, RenderRecipe] = {}
+        for name, values in document.recipes.items():
+            rig = values.get("rig")
+            if rig not in document.rigs:
+                self._fail(
+                    ("recipes", name, "rig"),
+                    f"unknown rig '{rig}'",
+                    did_you_mean(str(rig), document.rigs),
+                )
+            value = {"value": {**values, "name": name, "rig": document.rigs[rig]}}
+            self.recipes[name] = self._validate(_Recipe, value, ("recipes", name)).value
+        self.protocols: dict[str, MetricProtocol] = {
+            name: self._validate(
+                _Protocol, {"value": {**values, "name": name}}, ("protocols", name)
+            ).value
+            for name, values in document.protocols.items()
+        }
+        self._check_splits()
+
+    def _check_splits(self) -> None:
+        for name, split in self.splits.items():
+            if name in self.datasets:
+                self._fail(("splits", name), "a split has the name of a dataset", "Rename it")
+            if split.dataset not in self.datasets:
+                hint = did_you_mean(split.dataset, self.datasets)
+                self._fail(("splits", name, "dataset"), f"unknown dataset '{split.dataset}'", hint)
+            known = self.datasets[split.dataset].subjects
+            for subject in split.subjects:
+                if subject not in known:
+                    hint = did_you_mean(subject, known)
+                    self._fail(("splits", name, "subjects"), f"unknown subject '{subject}'", hint)
+
+    def _validate(self, model: type[Any], raw: object, prefix: tuple[str, ...]) -> Any:
+        try:
+            return model.model_validate(raw)
+        except ValidationError as error:
+            # A misspelt key is also a missing one: the spelling is the cause.
+            first = min(
+                error.errors(include_url=False), key=lambda e: e["type"] not in _UNKNOWN_KEY
+            )
+            location = (*prefix, *(str(part) for part in first["loc"] if part != "value"))
+            if first["type"] in _UNKNOWN_KEY:
+                known = _valid_keys(model, location[len(prefix) :])
+                self._fail(
+                    location, f"unknown key '{location[-1]}'", did_you_mean(location[-1], known)
+                )
+            message = first["msg"].removeprefix("Value error, ")
+            self._fail(location, f"{location[-1] if location else 'file'}: {message}", "")
+
+    def _fail(self, location: Sequence[str], what: str, hint: str) -> None:
+        line = next(
+            (
+                self._lines[tuple(location[:n])]
+                for n in range(len(location), -1, -1)
+                if tuple(location[:n]) in self._lines
+            ),
+            1,
+        )
+        raise DataError(f"{self.path}, line {line}, {'.'.join(location)}: {what}", hint=hint)
+
+    def select(
+        self, name: str, subjects: Sequence[str] = ()
+    ) -> tuple[str, Dataset, tuple[str, ...]]:
+        """Dataset name, dataset and subject ids behind a dataset's or split's name.
+
+        Args:
+            name: A dataset or a split.
+            subjects: Only these of its subjects, in this order; all when empty.
+        """
+        if name in self.splits:
+            split = self.splits[name]
+            dataset_name, available = split.dataset, split.subjects
+        elif name in self.datasets:
+            dataset_name, available = name, self.datasets[name].subjects
+        else:
+            known = [*self.datasets, *self.splits]
+            raise HarnessError(f"unknown dataset '{name}'", hint=did_you_mean(name, known))
+        for subject in subjects:
+            if subject not in available:
+                raise HarnessError(
+                    f"dataset '{name}' has no subject '{subject}'",
+                    hint=did_you_mean(subject, available),
+                )
+        return dataset_name, self.datasets[dataset_name], tuple(subjects) or available
+
+    def recipe(self, name: str) -> RenderRecipe:
+        """A render recipe by name."""
+        if name not in self.recipes:
+            raise HarnessError(f"unknown recipe '{name}'", hint=did_you_mean(name, self.recipes))
+        return self.recipes[name]
+
+    def protocol(self, name: str) -> MetricProtocol:
+        """A metric protocol by name."""
+        if name not in self.protocols:
+            raise HarnessError(
+                f"unknown protocol '{name}'", hint=did_you_mean(name, self.protocols)
+            )
+        return self.protocols[name]
+
+    def root(self, name: str, workspace: Path) -> Path:
+        """A dataset's folder.
+
+        Raises:
+            MissingPart: it is named by an environment variable that is not set.
+        """
+        dataset = self.datasets[name]
+        for variable in _VARIABLE.findall(dataset.root):
+            if not os.environ.get(variable):
+                raise MissingPart(
+                    f"dataset '{name}' ({dataset.title}) has no folder yet",
+                    hint=f"Get it from {dataset.source or 'its authors'} and set {variable} to its "
+                    f"folder; 'harness data check {name}' shows the expected tree",
+                )
+        return workspace / _VARIABLE.sub(lambda match: os.environ[match[1]], dataset.root)
+
+
+def _valid_keys(model: type[Any], location: Sequence[str]) -> list[str]:
+    """The keys allowed at the last place of a location inside a model."""
+    if model is _Recipe:
+        return [key for key in RenderRecipe.__dataclass_fields__ if key != "name"]
+    if model is _Protocol:
+        return [key for key in MetricProtocol.__dataclass_fields__ if key != "name"]
+    inside = {"datasets": Dataset, "splits": Split}.get(location[0]) if len(location) > 1 else None
+    if inside is not None:
+        return list(inside.model_fields)
+    if len(location) > 1 and location[0] == "rigs":
+        return list(RingRig.__dataclass_fields__)
+    return ["schema", "datasets", "splits", "rigs", "recipes", "protocols"]
+
+
+def _parse(path: Path) -> tuple[dict[tuple[str, ...], int], object]:
+    """The line of every key, by its path of keys, and the file's plain content."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        content = yaml.safe_load(text)
+    except OSError as error:
+        raise DataError(f"no manifest at {path}", hint="Name one with --manifest") from error
+    except yaml.YAMLError as error:
+        raise DataError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    lines: dict[tuple[str, ...], int] = {}
+
+    def visit(current: yaml.Node | None, location: tuple[str, ...]) -> None:
+        if isinstance(current, yaml.MappingNode):
+            for key, value in current.value:
+                place = (*location, str(key.value))
+                if place in lines:
+                    raise DataError(
+                        f"{path}, line {key.start_mark.line + 1}: key '{key.value}' stands twice"
+                    )
+                lines[place] = key.start_mark.line + 1
+                visit(value, place)
+
+    visit(node, ())
+    return lines, content
+
+
+def default_manifest_path() -> Path:
+    """The manifest that is used when none is named.
+
+    In order: ``HARNESS_MANIFEST``, ``data_manifest.yaml`` in the current folder, the one of the
+    source checkout, the one inside the installed package.
+    """
+    if named := os.environ.get("HARNESS_MANIFEST"):
+        return Path(named)
+    here = Path(__file__).resolve()
+    candidates = (
+        Path("data_manifest.yaml"),
+        here.parents[2] / "data_manifest.yaml",
+        here.parent / "data_manifest.yaml",
+    )
+    return next((path for path in candidates if path.is_file()), candidates[0])
+
+
+def load_manifest(path: Path | None = None) -> Manifest:
+    """The checked manifest in a file, by default the one of ``default_manifest_path``."""
+    return Manifest(path or default_manifest_path())

@@ -1,0 +1,152 @@
+"""A scan file becomes metres in the world frame, by the manifest's explicit rule.
+
+Before: ``harness/core/artifacts.py``. After: ``renderers/blender/scene.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Scan
+from harness.core.errors import DataError
+from harness.core.hashing import file_sha256
+from harness.core.mesh import Mesh
+from harness.core.mesh_files import load_mesh
+from harness.data.manifest import Dataset
+from harness.data.thuman import SubjectFiles, find_subject
+from harness.data.unpickle import read_array_pickle
+
+__all__ = ["PLAUSIBLE_HEIGHT_M", "load_scan", "load_world_mesh"]
+
+Floats = NDArray[np.float64]
+
+#: A subject outside this range is reported: its scale is probably wrong.
+PLAUSIBLE_HEIGHT_M = (1.2, 2.2)
+#: Beyond this, in metres, it is no person at all: millimetres, centimetres, another object.
+_POSSIBLE_HEIGHT_M = (0.3, 3.0)
+
+
+def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Scan, Mesh]:
+    """A subject's scan, and its textured mesh in world metres.
+
+    The world frame has +Y up, the subject facing +Z, and the bounding box centred at the origin.
+
+    Args:
+        name: The dataset's name in the manifest.
+        dataset: Its entry.
+        root: Its folder.
+        subject: One of its ids.
+
+    Raises:
+        DataError: missing files, a broken mesh, a fit that is needed but not there, or a height
+            that no person has under the scale rule.
+    """
+    files = find_subject(root, subject)
+    mesh = load_mesh(files.mesh, texture=True)
+    scale = _metres_per_unit(dataset, subject, files, mesh)
+    yaw = _facing_yaw(dataset, subject, files)
+    scan_to_world = _placement(mesh, scale, yaw)
+    world_mesh = mesh.transformed(scan_to_world)
+    textures = [path for path in (files.mesh.with_name("material0.mtl"), mesh.texture) if path]
+    scan = Scan(
+        dataset=name,
+        subject=subject,
+        mesh_path=files.mesh,
+        scale_rule=dataset.scale,
+        scan_to_world=scan_to_world,
+        sha256={path.name: file_sha256(path) for path in (files.mesh, *textures) if path.is_file()},
+        warnings=_height_warnings(subject, dataset, float(world_mesh.extent[1])),
+        body_path=files.body,
+        labels_path=files.labels,
+    )
+    return scan, world_mesh
+
+
+def load_world_mesh(scan: Scan) -> Mesh:
+    """The scan's surface in world metres, without texture."""
+    return load_mesh(scan.mesh_path).transformed(scan.scan_to_world)
+
+
+def _metres_per_unit(dataset: Dataset, subject: str, files: SubjectFiles, mesh: Mesh) -> float:
+    if dataset.scale == "metres":
+        return 1.0
+    if dataset.scale.startswith("height="):
+        return float(dataset.scale.removeprefix("height=")) / float(mesh.extent[1])
+    fit = _fit(subject, files, "scale: fit")
+    if "scale" not in fit or fit["scale"].size != 1 or not fit["scale"].item() > 0:
+        raise DataError(
+            f"the fit of subject '{subject}' has no usable scale",
+            expected="one positive number 'scale'",
+            got=str(fit.get("scale")),
+        )
+    return 1.0 / float(fit["scale"].item())
+
+
+def _facing_yaw(dataset: Dataset, subject: str, files: SubjectFiles) -> float:
+    """Radians from +Z to the direction that the subject faces, about +Y."""
+    if dataset.facing == "+z":
+        return 0.0
+    if isinstance(dataset.facing, dict):
+        if subject not in dataset.facing:
+            raise DataError(
+                f"the manifest does not say where subject '{subject}' faces",
+                hint=f"Add 'facing: {{\"{subject}\": <yaw in degrees>}}'; it is never guessed",
+            )
+        return math.radians(dataset.facing[subject])
+    orientation = _fit(subject, files, "facing: fit").get("global_orient")
+    if orientation is None or orientation.size != 3:
+        raise DataError(f"the fit of subject '{subject}' has no global_orient of three numbers")
+    forward = _rotate(orientation.reshape(3), np.array([0.0, 0.0, 1.0]))
+    return math.atan2(forward[0], forward[2])
+
+
+def _fit(subject: str, files: SubjectFiles, rule: str) -> dict[str, Floats]:
+    if files.fit is None:
+        raise DataError(
+            f"subject '{subject}' has no SMPL-X fit, which the manifest's '{rule}' needs",
+            expected=f"smplx/{subject}/smplx_param.pkl",
+            hint="Unpack the dataset's fits, or give another rule in the manifest",
+        )
+    return read_array_pickle(files.fit)
+
+
+def _rotate(axis_angle: Floats, vector: Floats) -> Floats:
+    """Rodrigues' formula."""
+    angle = float(np.linalg.norm(axis_angle))
+    if angle < 1e-12:
+        return vector
+    axis = axis_angle / angle
+    return (
+        vector * math.cos(angle)
+        + np.cross(axis, vector) * math.sin(angle)
+        + axis * float(axis @ vector) * (1 - math.cos(angle))
+    )
+
+
+def _placement(mesh: Mesh, scale: float, yaw: float) -> Floats:
+    """(4, 4) similarity that scales, turns to +Z and centres the bounding box."""
+    transform = np.eye(4)
+    cos, sin = math.cos(-yaw), math.sin(-yaw)
+    transform[:3, :3] = scale * np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+    low, high = mesh.transformed(transform).bounds
+    transform[:3, 3] = -0.5 * (low + high)
+    return transform
+
+
+def _height_warnings(subject: str, dataset: Dataset, height_m: float) -> tuple[str, ...]:
+    low, high = _POSSIBLE_HEIGHT_M
+    if not low <= height_m <= high:
+        raise DataError(
+            f"subject '{subject}' is {height_m:.4g} m high under the rule 'scale: {dataset.scale}'",
+            expected=f"{low} to {high} m",
+            hint="Its file is in other units: correct 'scale' in the manifest (fit, metres, "
+            "height=<metres>)",
+        )
+    low, high = PLAUSIBLE_HEIGHT_M
+    if low <= height_m <= high:
+        return ()
+    return (f"height {height_m:.2f} m is outside {low} to {high} m: check the scale rule",)

@@ -1,0 +1,115 @@
+"""THuman's folder layouts: where scan, texture and SMPL-X fit lie, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import DataError
+from harness.core.hashing import file_sha256
+
+__all__ = ["FileCheck", "SubjectFiles", "check_subject", "find_subject"]
+
+#: Below the root: THuman 2.1 as its users quote it, THuman 2.0, and a copy one level down.
+_SCAN_PLACES = ("model/{id}/{id}.obj", "{id}/{id}.obj", "*/model/{id}/{id}.obj", "*/{id}/{id}.obj")
+_FIT_PLACES = (
+    "smplx/{id}/smplx_param.pkl",
+    "fits/{id}/smplx_param.pkl",
+    "{id}/smplx_param.pkl",
+    "*/smplx/{id}/smplx_param.pkl",
+    "*/{id}/smplx_param.pkl",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SubjectFiles:
+    """A subject's files, as found.
+
+    Attributes:
+        mesh: The OBJ.
+        fit: ``smplx_param.pkl``, or None.
+        body: ``body.npz`` with the true body of a generated avatar, or None.
+        labels: ``labels.npz`` with per-face regions, or None.
+    """
+
+    mesh: Path
+    fit: Path | None
+    body: Path | None
+    labels: Path | None
+
+
+@dataclass(frozen=True, slots=True)
+class FileCheck:
+    """One expected file: ``present``, ``missing``, ``corrupt`` or ``unreadable``."""
+
+    path: str
+    state: str
+    note: str = ""
+
+
+def _first(root: Path, places: tuple[str, ...], subject: str) -> Path | None:
+    for place in places:
+        pattern = place.format(id=subject)
+        matches = sorted(root.glob(pattern)) if "*" in pattern else [root / pattern]
+        for match in matches:
+            if match.is_file():
+                return match
+    return None
+
+
+def find_subject(root: Path, subject: str) -> SubjectFiles:
+    """The files of one subject below a dataset's root, in any known layout.
+
+    Raises:
+        DataError: no scan; the message lists what was searched.
+    """
+    mesh = _first(root, _SCAN_PLACES, subject)
+    if mesh is None:
+        searched = ", ".join(place.format(id=subject) for place in _SCAN_PLACES)
+        raise DataError(
+            f"no scan of subject '{subject}' below {root}",
+            expected=searched,
+            hint="'harness data check DATASET' shows the whole expected tree",
+        )
+    beside = {name: mesh.with_name(f"{name}.npz") for name in ("body", "labels")}
+    return SubjectFiles(
+        mesh=mesh,
+        fit=_first(root, _FIT_PLACES, subject),
+        body=beside["body"] if beside["body"].is_file() else None,
+        labels=beside["labels"] if beside["labels"].is_file() else None,
+    )
+
+
+def check_subject(
+    root: Path, subject: str, *, needs_fit: bool, sha256: Mapping[str, str]
+) -> list[FileCheck]:
+    """What of a subject is there, by file, compared with checksums where the manifest has them."""
+    mesh = _first(root, _SCAN_PLACES, subject)
+    expected_folder = Path("model") / subject
+    if mesh is None:
+        return [
+            FileCheck(str(expected_folder / name), "missing")
+            for name in (f"{subject}.obj", "material0.mtl", "material0.jpeg")
+        ] + ([FileCheck(f"smplx/{subject}/smplx_param.pkl", "missing")] if needs_fit else [])
+    files = [mesh, mesh.with_name("material0.mtl"), mesh.with_name("material0.jpeg")]
+    if needs_fit:
+        files.append(
+            _first(root, _FIT_PLACES, subject) or root / f"smplx/{subject}/smplx_param.pkl"
+        )
+    return [_check_file(path, root, sha256) for path in files]
+
+
+def _check_file(path: Path, root: Path, sha256: Mapping[str, str]) -> FileCheck:
+    name = str(path.relative_to(root))
+    if not path.is_file():
+        return FileCheck(name, "missing")
+    if path.stat().st_size == 0:
+        return FileCheck(name, "corrupt", "empty file")
+    expected = sha256.get(name)
+    if expected is None:
+        return FileCheck(name, "present")
+    found = file_sha256(path)
+    if found != expected:
+        return FileCheck(name, "corrupt", f"sha256 {found[:12]}…, expected {expected[:12]}…")
+    return FileCheck(name, "present", "sha256 agrees")
