@@ -1,0 +1,80 @@
+"""Where on the body a point is: along which limb, how far down it, and around it.
+
+Garments are cut and folded in these coordinates of the rest pose, so one pattern fits every body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.data.avatars.body import PosedBody
+from harness.data.avatars.surface import Floats, Patch
+
+__all__ = ["LIMBS", "LimbPlace", "limb_places", "torso_axis"]
+
+LIMBS = ("arm.L", "arm.R", "leg.L", "leg.R")
+
+_CHAINS = {
+    "arm": ("upperarm01", "lowerarm01", "wrist"),
+    "leg": ("upperleg01", "lowerleg01", "foot"),
+}
+_MEMBERS = {
+    "arm": ("upperarm", "lowerarm", "wrist", "finger", "metacarpal"),
+    "leg": ("upperleg", "lowerleg", "foot", "toe"),
+}
+
+
+@dataclass(frozen=True)
+class LimbPlace:
+    """Places of vertices (V,) with respect to one limb, in the rest pose.
+
+    member: share of the limb's bones in the skinning, 0 to 1. along: 0 at shoulder or hip, 1 at
+    elbow or knee, 2 at wrist or ankle, going on linearly. length: metres from the shoulder or hip.
+    radial (V,3): from the limb's axis to the vertex, metres.
+    """
+
+    member: Floats
+    along: Floats
+    length: Floats
+    radial: Floats
+
+
+def _limb_place(patch: Patch, body: PosedBody, limb: str) -> LimbPlace:
+    kind, side = limb.split(".")
+    bones = [
+        i
+        for i, name in enumerate(body.bone_names)
+        if name.endswith(f".{side}") and name.startswith(_MEMBERS[kind])
+    ]
+    member = np.asarray(patch.weights[:, bones].sum(1)).ravel()
+    a, b, c = (body.joint_rest(f"{bone}.{side}") for bone in _CHAINS[kind])
+
+    def project(start: Floats, end: Floats) -> tuple[Floats, Floats, float]:
+        axis = end - start
+        share = (patch.vertices - start) @ axis / (axis @ axis)
+        return share, patch.vertices - start - share[:, None] * axis, float(np.linalg.norm(axis))
+
+    upper, upper_radial, upper_length = project(a, b)
+    lower, lower_radial, lower_length = project(b, c)
+    beyond = np.clip((upper - 1 + lower) * 4 + 0.5, 0, 1)[:, None]  # soft change of axis at the joint
+    second = beyond[:, 0] > 0.5
+    along = np.where(second, 1 + np.maximum(lower, 0), np.minimum(upper, 1))
+    length = np.where(
+        second, upper_length + np.maximum(lower, 0) * lower_length, np.minimum(upper, 1) * upper_length
+    )
+    return LimbPlace(member, along, length, upper_radial * (1 - beyond) + lower_radial * beyond)
+
+
+def limb_places(patch: Patch, body: PosedBody) -> dict[str, LimbPlace]:
+    """The places of a patch's vertices with respect to each of the four limbs."""
+    return {limb: _limb_place(patch, body, limb) for limb in LIMBS}
+
+
+def torso_axis(vertices: Floats, body: PosedBody) -> Floats:
+    """The point (V,3) of the spine at each vertex's height, in the rest pose."""
+    spine = np.array([body.joint_rest(f"spine0{i}") for i in (5, 4, 3, 2, 1)])
+    middle_z = np.interp(vertices[:, 1], spine[:, 1], spine[:, 2])
+    # The spine runs behind the trunk's middle; half a hand forward is the middle.
+    return np.stack([np.zeros(len(vertices)), vertices[:, 1], middle_z + 0.03], axis=1)

@@ -1,0 +1,93 @@
+"""One texture for all layers: where each layer's square lies, and what is under each texel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.data.avatars.surface import Floats, Ints
+
+__all__ = ["CELLS", "Texels", "cell_uv", "paint_atlas", "texels_of"]
+
+CELLS: Mapping[str, tuple[float, float, float]] = {
+    "head": (0.0, 0.0, 0.5),
+    "top": (0.5, 0.0, 0.5),
+    "bottom": (0.0, 0.5, 0.5),
+    "skin": (0.5, 0.5, 0.25),
+    "hair": (0.75, 0.5, 0.25),
+    "shoes": (0.5, 0.75, 0.25),
+    "eyes": (0.75, 0.75, 0.25),
+}
+"""Left, bottom and side of each layer's square in the texture, as shares of its width."""
+
+_MARGIN = 0.004
+
+
+@dataclass(frozen=True)
+class Texels:
+    """What is under a layer's texels: image rows and columns (N,), rest positions (N,3) in metres,
+    texture coordinates (N,2) in the layer's own square."""
+
+    rows: Ints
+    columns: Ints
+    rest: Floats
+    uv: Floats
+
+
+def cell_uv(name: str, uv: Floats) -> Floats:
+    """A layer's own texture coordinates (T,2) in [0,1] placed in the whole texture."""
+    left, bottom, side = CELLS[name]
+    return np.array([left, bottom]) + side * (_MARGIN + (1 - 2 * _MARGIN) * uv)
+
+
+def texels_of(name: str, layer_uv: Floats, uv_faces: Ints, corners_rest: Floats, size: int) -> Texels:
+    """The texels that a layer's triangles cover in a texture of ``size`` pixels.
+
+    corners_rest (F,3,3): rest positions of the triangles' corners. Texels are found by casting a
+    ray through each onto the flattened triangles, which is exact at triangle borders.
+    """
+    import open3d as o3d
+
+    left, bottom, side = CELLS[name]
+    uv = cell_uv(name, layer_uv)
+    flat = np.concatenate([uv, np.zeros((len(uv), 1))], 1)
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(flat.astype(np.float32), uv_faces.astype(np.uint32))
+    columns = np.arange(round(left * size), round((left + side) * size))
+    rows = np.arange(round((1 - bottom - side) * size), round((1 - bottom) * size))
+    grid_columns, grid_rows = (a.ravel() for a in np.meshgrid(columns, rows))
+    rays = np.zeros((len(grid_rows), 6), np.float32)
+    rays[:, 0] = (grid_columns + 0.5) / size
+    rays[:, 1] = 1 - (grid_rows + 0.5) / size
+    rays[:, 2], rays[:, 5] = 1, -1
+    found = scene.cast_rays(o3d.core.Tensor(rays))
+    hit = np.isfinite(found["t_hit"].numpy())
+    face = found["primitive_ids"].numpy()[hit].astype(np.int64)
+    second, third = found["primitive_uvs"].numpy()[hit].astype(float).T
+    shares = np.stack([1 - second - third, second, third], 1)
+    return Texels(
+        rows=grid_rows[hit],
+        columns=grid_columns[hit],
+        rest=np.einsum("nk,nkd->nd", shares, corners_rest[face]),
+        uv=np.einsum("nk,nkd->nd", shares, layer_uv[uv_faces[face]]),
+    )
+
+
+def paint_atlas(
+    texels: Mapping[str, Texels], painters: Mapping[str, Callable[[Texels], Floats]], size: int
+) -> np.ndarray:
+    """The texture (size,size,3) 8-bit sRGB; empty texels take the colour of the nearest painted one.
+
+    Without that, filtering at an island's border would mix in the background.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    image = np.zeros((size, size, 3))
+    painted = np.zeros((size, size), bool)
+    for name, where in texels.items():
+        image[where.rows, where.columns] = painters[name](where)
+        painted[where.rows, where.columns] = True
+    nearest = distance_transform_edt(~painted, return_distances=False, return_indices=True)
+    return np.clip(np.rint(image[tuple(nearest)]), 0, 255).astype(np.uint8)
