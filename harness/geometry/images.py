@@ -1,0 +1,132 @@
+"""Pictures on disk: strict reading, atomic writing, compositing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from harness.core.errors import DataError
+from harness.core.files import atomic_path
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+__all__ = ["composite", "load_mask", "load_rgb", "load_rgba", "save_png"]
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+#: The last chunk of every complete PNG; Pillow itself does not miss it.
+_PNG_END = b"IEND\xaeB`\x82"
+
+
+def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
+    """(H, W, 4) uint8 of an RGBA PNG: sRGB colour (not premultiplied) and coverage.
+
+    Args:
+        path: The PNG.
+        size: (width, height) that it must have.
+
+    Raises:
+        DataError: no such file, not a PNG, truncated or damaged, another mode or size.
+    """
+    image = _open_png(path)
+    if image.mode != "RGBA":
+        raise DataError(
+            f"{path} has no alpha channel to tell subject from background",
+            expected="an RGBA PNG",
+            got=f"mode {image.mode}",
+        )
+    if size is not None and image.size != tuple(size):
+        raise DataError(
+            f"{path} is of another size than its camera",
+            expected=f"{size[0]} x {size[1]} pixels",
+            got=f"{image.size[0]} x {image.size[1]}",
+            hint="Render the capture again, or resize the camera with the picture",
+        )
+    return np.asarray(image)
+
+
+def load_mask(path: Path, size: tuple[int, int] | None = None) -> Floats:
+    """(H, W) coverage in [0, 1] of an RGBA PNG: its alpha. Raises as ``load_rgba``."""
+    return load_rgba(path, size)[..., 3] / 255.0
+
+
+def load_rgb(path: Path) -> Bytes:
+    """(H, W, 3) uint8 sRGB of any image that Pillow reads, such as a texture; alpha is dropped.
+
+    Raises:
+        DataError: no such file, or not a complete image.
+    """
+    from PIL import Image
+
+    if not path.is_file():
+        raise DataError(f"no image at {path}")
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DataError(f"{path} is not a complete image", got=str(error)) from error
+
+
+def _open_png(path: Path) -> Image:
+    from PIL import Image
+
+    if not path.is_file():
+        raise DataError(f"no image at {path}")
+    try:
+        # Checks every chunk's checksum, which decoding does not, and leaves the file unusable.
+        with Image.open(path, formats=["PNG"]) as image:
+            image.verify()
+        if not path.read_bytes().endswith(_PNG_END):
+            raise OSError("the file ends before its last chunk")
+        with Image.open(path, formats=["PNG"]) as image:
+            image.load()
+            return image
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DataError(
+            f"{path} is not a complete PNG",
+            got=str(error),
+            hint="It may be truncated: delete it and make it again",
+        ) from error
+
+
+def save_png(path: Path, image: ArrayLike) -> None:
+    """Write an image (H, W), (H, W, 3) or (H, W, 4) atomically as PNG.
+
+    Args:
+        path: Ends in ``.png``.
+        image: uint8 as it is; bool becomes 0 and 255. Floats are refused, not guessed at.
+
+    Raises:
+        DataError: another type or shape, or the disk refuses.
+    """
+    from PIL import Image
+
+    array = np.asarray(image)
+    if array.dtype == bool:
+        array = array.astype(np.uint8) * 255
+    shaped = array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (3, 4))
+    if array.dtype != np.uint8 or not shaped or array.size == 0:
+        raise DataError(
+            f"cannot write {path}",
+            expected="uint8 or bool of shape (H, W), (H, W, 3) or (H, W, 4)",
+            got=f"{array.dtype} {array.shape}",
+        )
+    with atomic_path(path) as temporary:
+        Image.fromarray(array).save(temporary, format="PNG", compress_level=4)
+
+
+def composite(rgba: Bytes, background: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
+    """(H, W, 3) in [0, 1]: an RGBA image over a plain colour, blended as displays do (in sRGB).
+
+    Args:
+        rgba: (H, W, 4) uint8, colour not premultiplied.
+        background: (3,) sRGB colour in [0, 1].
+    """
+    colour = rgba[..., :3] / 255.0
+    alpha = rgba[..., 3:] / 255.0
+    return colour * alpha + np.asarray(background, dtype=np.float64) * (1.0 - alpha)

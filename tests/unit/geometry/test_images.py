@@ -1,0 +1,77 @@
+"""Pictures: what is written comes back, and every defect is a sentence."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.errors import DataError
+from harness.geometry.images import composite, load_mask, load_rgb, load_rgba, save_png
+
+
+@pytest.fixture
+def rgba():
+    return np.random.default_rng(0).integers(0, 256, (40, 30, 4), dtype=np.uint8)
+
+
+def test_what_is_written_comes_back(tmp_path, rgba):
+    path = tmp_path / "a.png"
+    save_png(path, rgba)
+    assert np.array_equal(load_rgba(path, (30, 40)), rgba)
+    assert np.array_equal(load_mask(path), rgba[..., 3] / 255)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.png"]
+
+
+@pytest.mark.parametrize("lost", [12, 13, 500, 4000])
+def test_a_truncated_png_is_refused(tmp_path, rgba, lost):
+    path = tmp_path / "a.png"
+    save_png(path, rgba)
+    path.write_bytes(path.read_bytes()[:-lost])
+    with pytest.raises(DataError, match=r"a\.png is not a complete PNG.*truncated"):
+        load_rgba(path)
+
+
+def test_a_flipped_byte_is_refused(tmp_path, rgba):
+    path = tmp_path / "a.png"
+    save_png(path, rgba)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+    with pytest.raises(DataError, match="not a complete PNG"):
+        load_rgba(path)
+
+
+def test_each_defect_has_its_sentence(tmp_path, rgba):
+    with pytest.raises(DataError, match="no image at"):
+        load_rgba(tmp_path / "none.png")
+    save_png(tmp_path / "rgb.png", rgba[..., :3])
+    with pytest.raises(DataError, match=r"no alpha channel.*got mode RGB"):
+        load_rgba(tmp_path / "rgb.png")
+    save_png(tmp_path / "a.png", rgba)
+    with pytest.raises(DataError, match="expected 31 x 40 pixels; got 30 x 40"):
+        load_rgba(tmp_path / "a.png", (31, 40))
+    Image.fromarray(rgba).save(tmp_path / "b.png", format="TIFF")
+    with pytest.raises(DataError, match="not a complete PNG"):
+        load_rgba(tmp_path / "b.png")
+    (tmp_path / "t.jpg").write_bytes(b"\xff\xd8\xff\xe0 nothing")
+    with pytest.raises(DataError, match="not a complete image"):
+        load_rgb(tmp_path / "t.jpg")
+
+
+def test_masks_of_truth_values_become_black_and_white(tmp_path):
+    save_png(tmp_path / "m.png", np.array([[True, False]]))
+    assert np.asarray(Image.open(tmp_path / "m.png")).tolist() == [[255, 0]]
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((4, 4)), np.zeros((4, 4, 2), np.uint8), np.zeros((0, 4), np.uint8)]
+)
+def test_what_is_not_an_image_is_not_written(tmp_path, image):
+    with pytest.raises(DataError, match="cannot write"):
+        save_png(tmp_path / "a.png", image)
+    assert not list(tmp_path.iterdir())
+
+
+def test_composite_blends_by_alpha():
+    rgba = np.array([[[255, 0, 0, 255], [255, 0, 0, 51], [9, 9, 9, 0]]], dtype=np.uint8)
+    over = composite(rgba, (0.0, 0.0, 1.0))
+    assert over[0] == pytest.approx(np.array([[1, 0, 0], [0.2, 0, 0.8], [0, 0, 1]]))
