@@ -1,7 +1,7 @@
 """The values that travel through the house: Scan, Capture, Reconstruction.
 
-Each is a plain frozen value with a form on disk, so that each stage can be run, resumed, replaced or
-supplied from elsewhere on its own.
+Each is a plain frozen value with a form on disk, so that each stage can be run, resumed, replaced
+or supplied from elsewhere on its own.
 
 Before: ``data_manifest.yaml``. After: ``harness/data/scans.py``.
 """
@@ -44,9 +44,10 @@ class Scan:
         subject: Id within the dataset.
         mesh_path: Textured mesh file in its own units.
         scale_rule: What turned units into metres, as written in the manifest.
+        facing_rule: What turned the subject to +Z, as written in the manifest.
         scan_to_world: (4, 4) similarity from file coordinates to world metres: +Y up, facing +Z,
             bounding box centred at the origin.
-        sha256: Of the mesh file, its material and its texture, by file name.
+        sha256: Of every file that the scan is made from, by file name.
         warnings: What a reader of the numbers should know, such as an unusual height.
         body_path: Parameters and vertices of the true body, where the dataset has them.
         labels_path: Per-face region labels, where the dataset has them.
@@ -56,6 +57,7 @@ class Scan:
     subject: str
     mesh_path: Path
     scale_rule: str
+    facing_rule: str
     scan_to_world: Floats
     sha256: Mapping[str, str]
     warnings: tuple[str, ...] = ()
@@ -63,12 +65,12 @@ class Scan:
     labels_path: Path | None = None
 
     def identity(self) -> dict[str, object]:
-        """What makes two scans the same: content and placement, not where they lie."""
+        """What makes two scans the same: content and rules, not where they lie."""
         return {
             "dataset": self.dataset,
             "subject": self.subject,
             "scale_rule": self.scale_rule,
-            "scan_to_world": np.round(self.scan_to_world, 9).tolist(),
+            "facing_rule": self.facing_rule,
             "sha256": dict(self.sha256),
         }
 

@@ -94,14 +94,12 @@ class Context:
     Attributes:
         seed: For this method and subject; equal inputs must give equal output.
         workdir: Folder for intermediate results, kept on request only.
-        device: ``cpu`` or ``cuda``.
         stage: ``with context.stage("carve"):`` times a stage and watches its memory.
         privileged: What the method's declared privileges ask for, by privilege.
     """
 
     seed: int
     workdir: Path
-    device: str
     stage: Callable[[str], AbstractContextManager[None]]
     privileged: Mapping[str, Any] = field(default_factory=dict)
 

@@ -5,14 +5,39 @@ Both are read from ``data_manifest.yaml`` and hashed into every record.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import ClassVar, Literal, TypeVar
 
 from harness.core.camera import Camera
+from harness.core.errors import HarnessError, did_you_mean
 from harness.core.hashing import content_hash
 from harness.core.rigs import RingRig
 
-__all__ = ["MetricProtocol", "RenderRecipe"]
+__all__ = ["MetricProtocol", "RenderRecipe", "overridden"]
+
+Settings = TypeVar("Settings")
+
+
+def overridden(settings: Settings, texts: Mapping[str, str]) -> Settings:
+    """A dataclass of numbers and switches with some fields replaced by what a user typed.
+
+    Raises:
+        HarnessError: a field that does not exist, or a text that is not of its type.
+    """
+    current = asdict(settings)  # type: ignore[call-overload]
+    values: dict[str, object] = {}
+    for name, text in texts.items():
+        if name not in current:
+            raise HarnessError(f"unknown setting '{name}'", hint=did_you_mean(name, current))
+        kind = type(current[name])
+        try:
+            values[name] = {"true": True, "false": False}[text] if kind is bool else kind(text)
+        except (KeyError, ValueError) as error:
+            raise HarnessError(
+                f"setting '{name}' cannot be '{text}'", expected=f"like {current[name]}"
+            ) from error
+    return replace(settings, **values)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ Before: ``harness/core/artifacts.py``. After: ``renderers/blender/scene.py``.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,10 @@ from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
 from harness.data.manifest import Dataset
-from harness.data.thuman import SubjectFiles, find_subject
+from harness.data.thuman import find_subject
 from harness.data.unpickle import read_array_pickle
 
-__all__ = ["PLAUSIBLE_HEIGHT_M", "load_scan", "load_world_mesh"]
+__all__ = ["PLAUSIBLE_HEIGHT_M", "load_scan", "load_world_mesh", "locate_scan"]
 
 Floats = NDArray[np.float64]
 
@@ -28,12 +29,11 @@ Floats = NDArray[np.float64]
 PLAUSIBLE_HEIGHT_M = (1.2, 2.2)
 #: Beyond this, in metres, it is no person at all: millimetres, centimetres, another object.
 _POSSIBLE_HEIGHT_M = (0.3, 3.0)
+_APPEARANCE_SUFFIXES = (".mtl", ".jpeg", ".jpg", ".png")
 
 
-def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Scan, Mesh]:
-    """A subject's scan, and its textured mesh in world metres.
-
-    The world frame has +Y up, the subject facing +Z, and the bounding box centred at the origin.
+def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
+    """A subject's scan as it lies on disk: hashed, but not yet read or placed.
 
     Args:
         name: The dataset's name in the manifest.
@@ -42,28 +42,48 @@ def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Sc
         subject: One of its ids.
 
     Raises:
-        DataError: missing files, a broken mesh, a fit that is needed but not there, or a height
-            that no person has under the scale rule.
+        DataError: no scan below the root.
     """
     files = find_subject(root, subject)
-    mesh = load_mesh(files.mesh, texture=True)
-    scale = _metres_per_unit(dataset, subject, files, mesh)
-    yaw = _facing_yaw(dataset, subject, files)
-    scan_to_world = _placement(mesh, scale, yaw)
-    world_mesh = mesh.transformed(scan_to_world)
-    textures = [path for path in (files.mesh.with_name("material0.mtl"), mesh.texture) if path]
-    scan = Scan(
+    uses_fit = "fit" in (dataset.scale, dataset.facing)
+    content = [
+        path
+        for path in sorted(files.mesh.parent.iterdir())
+        if path == files.mesh or path.suffix.lower() in _APPEARANCE_SUFFIXES
+    ]
+    if uses_fit and files.fit:
+        content.append(files.fit)
+    facing = dataset.facing if isinstance(dataset.facing, str) else dataset.facing.get(subject)
+    return Scan(
         dataset=name,
         subject=subject,
         mesh_path=files.mesh,
         scale_rule=dataset.scale,
-        scan_to_world=scan_to_world,
-        sha256={path.name: file_sha256(path) for path in (files.mesh, *textures) if path.is_file()},
-        warnings=_height_warnings(subject, dataset, float(world_mesh.extent[1])),
+        facing_rule=str(facing),
+        scan_to_world=np.eye(4),
+        sha256={path.name: file_sha256(path) for path in content},
         body_path=files.body,
         labels_path=files.labels,
     )
-    return scan, world_mesh
+
+
+def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Scan, Mesh]:
+    """A subject's scan, and its textured mesh in world metres.
+
+    The world frame has +Y up, the subject facing +Z, and the bounding box centred at the origin.
+
+    Raises:
+        DataError: missing files, a broken mesh, a fit that is needed but not there, or a height
+            that no person has under the scale rule.
+    """
+    scan = locate_scan(name, dataset, root, subject)
+    fit = find_subject(root, subject).fit
+    mesh = load_mesh(scan.mesh_path, texture=True)
+    scale = _metres_per_unit(dataset, subject, fit, mesh)
+    scan_to_world = _placement(mesh, scale, _facing_yaw(dataset, subject, fit))
+    world_mesh = mesh.transformed(scan_to_world)
+    warnings = _height_warnings(subject, dataset, float(world_mesh.extent[1]))
+    return replace(scan, scan_to_world=scan_to_world, warnings=warnings), world_mesh
 
 
 def load_world_mesh(scan: Scan) -> Mesh:
@@ -71,12 +91,12 @@ def load_world_mesh(scan: Scan) -> Mesh:
     return load_mesh(scan.mesh_path).transformed(scan.scan_to_world)
 
 
-def _metres_per_unit(dataset: Dataset, subject: str, files: SubjectFiles, mesh: Mesh) -> float:
+def _metres_per_unit(dataset: Dataset, subject: str, fit_path: Path | None, mesh: Mesh) -> float:
     if dataset.scale == "metres":
         return 1.0
     if dataset.scale.startswith("height="):
         return float(dataset.scale.removeprefix("height=")) / float(mesh.extent[1])
-    fit = _fit(subject, files, "scale: fit")
+    fit = _fit(subject, fit_path, "scale: fit")
     if "scale" not in fit or fit["scale"].size != 1 or not fit["scale"].item() > 0:
         raise DataError(
             f"the fit of subject '{subject}' has no usable scale",
@@ -86,7 +106,7 @@ def _metres_per_unit(dataset: Dataset, subject: str, files: SubjectFiles, mesh: 
     return 1.0 / float(fit["scale"].item())
 
 
-def _facing_yaw(dataset: Dataset, subject: str, files: SubjectFiles) -> float:
+def _facing_yaw(dataset: Dataset, subject: str, fit_path: Path | None) -> float:
     """Radians from +Z to the direction that the subject faces, about +Y."""
     if dataset.facing == "+z":
         return 0.0
@@ -97,21 +117,21 @@ def _facing_yaw(dataset: Dataset, subject: str, files: SubjectFiles) -> float:
                 hint=f"Add 'facing: {{\"{subject}\": <yaw in degrees>}}'; it is never guessed",
             )
         return math.radians(dataset.facing[subject])
-    orientation = _fit(subject, files, "facing: fit").get("global_orient")
+    orientation = _fit(subject, fit_path, "facing: fit").get("global_orient")
     if orientation is None or orientation.size != 3:
         raise DataError(f"the fit of subject '{subject}' has no global_orient of three numbers")
     forward = _rotate(orientation.reshape(3), np.array([0.0, 0.0, 1.0]))
     return math.atan2(forward[0], forward[2])
 
 
-def _fit(subject: str, files: SubjectFiles, rule: str) -> dict[str, Floats]:
-    if files.fit is None:
+def _fit(subject: str, fit_path: Path | None, rule: str) -> dict[str, Floats]:
+    if fit_path is None:
         raise DataError(
             f"subject '{subject}' has no SMPL-X fit, which the manifest's '{rule}' needs",
             expected=f"smplx/{subject}/smplx_param.pkl",
             hint="Unpack the dataset's fits, or give another rule in the manifest",
         )
-    return read_array_pickle(files.fit)
+    return read_array_pickle(fit_path)
 
 
 def _rotate(axis_angle: Floats, vector: Floats) -> Floats:

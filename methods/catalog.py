@@ -1,0 +1,16 @@
+"""The methods by name; third parties add theirs through the entry-point group harness.methods."""
+
+from __future__ import annotations
+
+from harness.core.registry import Registry
+
+__all__ = ["METHODS"]
+
+METHODS = Registry(
+    "method",
+    {
+        "hull8": "methods.hull:hull8",
+        "gt": "methods.gt:gt",
+    },
+    group="harness.methods",
+)

@@ -1,0 +1,30 @@
+"""``gt``: the scan itself as a reconstruction, the self-test of the ruler.
+
+Its P2S distances and normal error must be 0, and its Chamfer distance the sampling floor.
+"""
+
+from __future__ import annotations
+
+from harness.core.artifacts import Capture, Reconstruction
+from harness.core.protocols import Context, MethodInfo
+
+__all__ = ["GroundTruth", "gt"]
+
+
+class GroundTruth:
+    """Hands the true surface back."""
+
+    info = MethodInfo(
+        name="gt",
+        title="Ground truth",
+        version="1",
+        privileges=("ground_truth_mesh",),
+    )
+
+    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:  # noqa: ARG002
+        """The scan's own mesh, lent by the pipeline under a declared privilege."""
+        with context.stage("copy"):
+            return Reconstruction(mesh=context.privileged["ground_truth_mesh"])
+
+
+gt = GroundTruth()

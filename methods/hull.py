@@ -1,0 +1,201 @@
+"""``hull8``: the visual hull of all silhouettes, a strong classical baseline under exact cameras.
+
+A point belongs to the hull when every view sees it inside the silhouette (Laurentini 1994). The
+field that is contoured is, at each point, the least over the views of its signed distance to the
+silhouette's outline, in metres at the point's depth, so that the surface lies between voxels.
+
+Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture, Reconstruction
+from harness.core.camera import Camera
+from harness.core.errors import MethodError
+from harness.core.mesh import Mesh
+from harness.core.protocols import Context, MethodInfo
+from harness.core.settings import overridden
+from harness.geometry.images import load_mask
+
+__all__ = ["HullSettings", "VisualHull", "hull8"]
+
+Floats = NDArray[np.float64]
+Field = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class HullSettings:
+    """Settings of the visual hull.
+
+    Attributes:
+        voxel_m: Edge of a voxel, metres.
+        block: Voxels along the edge of a coarse block; blocks far from every outline are not
+            subdivided.
+        half_width_m: Half the width and depth of the volume searched, metres.
+        half_height_m: Half its height, metres.
+        minimum_component: Pieces of less than this share of all faces are dropped.
+    """
+
+    voxel_m: float = 0.004
+    block: int = 8
+    half_width_m: float = 0.7
+    half_height_m: float = 1.15
+    minimum_component: float = 0.01
+
+
+class VisualHull:
+    """Carves a volume with the capture's masks and contours what is left."""
+
+    def __init__(self, info: MethodInfo, settings: HullSettings) -> None:
+        self.info = info
+        self.settings = settings
+
+    def configured(self, parameters: Mapping[str, str]) -> VisualHull:
+        """The method with other settings, given as text by field name."""
+        settings = overridden(self.settings, parameters)
+        return VisualHull(replace(self.info, parameters=asdict(settings)), settings)
+
+    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
+        """The hull of the masks of the method's views, in world metres.
+
+        Raises:
+            MethodError: no point is inside all silhouettes.
+        """
+        views = self.info.views or range(len(capture.cameras))
+        with context.stage("outlines"):
+            outlines = [
+                _Outline(
+                    capture.cameras[view],
+                    load_mask(capture.image_path(view), capture.cameras[view]),
+                )
+                for view in views
+            ]
+        with context.stage("carve"):
+            origin, field = _carve(outlines, self.settings)
+        with context.stage("contour"):
+            mesh = _contour(origin, field, self.settings)
+        return Reconstruction(mesh=mesh, details={"voxels": int(field.size)})
+
+
+class _Outline:
+    """Signed distance to one silhouette's outline, positive inside."""
+
+    def __init__(self, camera: Camera, coverage: Floats) -> None:
+        from scipy.ndimage import distance_transform_edt
+
+        inside = coverage > 0.5
+        if not inside.any():
+            raise MethodError("a view shows no subject", expected="a mask that is not empty")
+        # Beyond the frame the mask is continued, so that a subject that is cut is not carved there.
+        padded = np.pad(inside, 1, mode="edge")
+        to_outside = distance_transform_edt(padded)[1:-1, 1:-1]
+        to_inside = distance_transform_edt(~padded)[1:-1, 1:-1]
+        # Between the centres of two pixels the outline runs where coverage says, not half-way.
+        sub_pixel = np.clip(coverage - 0.5, -0.5, 0.5)
+        far = np.where(inside, to_outside - 0.5, 0.5 - to_inside)
+        near = np.abs(far) < 1.0
+        self.distance_px = np.where(near, sub_pixel, far).astype(np.float32)
+        self.camera = camera
+
+    def distance_m(self, points_world: Floats) -> Field:
+        """Signed distances (N,) of world points to the silhouette's cone, metres at their depth."""
+        from scipy.ndimage import map_coordinates
+
+        pixels, depth = self.camera.project(points_world)
+        rows_columns = pixels[:, ::-1].T - 0.5
+        distance = map_coordinates(self.distance_px, rows_columns, order=1, mode="nearest")
+        return (distance * depth / self.camera.K[0, 0]).astype(np.float32)
+
+
+def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Floats:
+    """(N, 3) lattice points in C order."""
+    axes = [origin[axis] + step * np.arange(counts[axis]) for axis in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _hull_distance(outlines: list[_Outline], points: Floats) -> Field:
+    """Least signed distance over the views; points outside one view are not asked of the next."""
+    distance = np.full(len(points), np.inf, dtype=np.float32)
+    for outline in outlines:
+        np.minimum(distance, outline.distance_m(points), out=distance)
+    return distance
+
+
+def _carve(outlines: list[_Outline], settings: HullSettings) -> tuple[Floats, Field]:
+    """The field on fine voxels of the blocks that the surface may cross, and its first point."""
+    edge = settings.voxel_m * settings.block
+    half = np.array([settings.half_width_m, settings.half_height_m, settings.half_width_m])
+    counts = tuple(int(n) for n in np.ceil(2 * half / edge))
+    centres = _lattice(-half + edge / 2, counts, edge)
+    coarse = _hull_distance(outlines, centres).reshape(counts)
+    # The distance to a cone changes by at most about the distance moved: half a block's diagonal
+    # away, its sign cannot change. The factor covers the change of depth and the pixel grid.
+    reach = 1.2 * edge * np.sqrt(3) / 2 + settings.voxel_m
+    active = np.argwhere(np.abs(coarse) <= reach)
+    if not len(active):
+        raise MethodError(
+            "the silhouettes have no common volume",
+            hint="Check the cameras: 'harness render' proves them against the scan",
+        )
+    low, high = active.min(axis=0), active.max(axis=0) + 1
+    # Inside stays inside: whole blocks take the sign of their centre.
+    window = coarse[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
+    field = np.repeat(
+        np.repeat(np.repeat(window, settings.block, 0), settings.block, 1), settings.block, 2
+    )
+    origin = -half + low * edge + settings.voxel_m / 2
+    offsets = _lattice(np.zeros(3), (settings.block,) * 3, 1.0).astype(np.int64)
+    for chunk in np.array_split(active - low, max(1, len(active) // 2000)):
+        index = (chunk[:, None, :] * settings.block + offsets[None]).reshape(-1, 3)
+        points = origin + settings.voxel_m * index
+        field[tuple(index.T)] = _hull_distance(outlines, points)
+    return origin, field
+
+
+def _contour(origin: Floats, field: Field, settings: HullSettings) -> Mesh:
+    """Marching cubes at zero, closed at the volume's border, without crumbs."""
+    from skimage.measure import marching_cubes
+
+    padded = np.pad(field, 1, constant_values=-settings.voxel_m)
+    vertices, faces, _, _ = marching_cubes(padded, level=0.0, spacing=(settings.voxel_m,) * 3)
+    world = vertices.astype(np.float64) + origin - settings.voxel_m
+    mesh = Mesh(vertices=world, faces=faces, source="visual hull")
+    if mesh.signed_volume < 0:
+        mesh = Mesh(vertices=world, faces=faces[:, ::-1], source="visual hull")
+    return _without_crumbs(mesh, settings.minimum_component)
+
+
+def _without_crumbs(mesh: Mesh, minimum_share: float) -> Mesh:
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(mesh.vertices)
+    rows, columns = mesh.faces[:, [0, 1]].T
+    third = mesh.faces[:, 2]
+    edges = coo_matrix(
+        (np.ones(2 * len(rows)), (np.tile(rows, 2), np.concatenate([columns, third]))),
+        shape=(count, count),
+    )
+    _, piece_of_vertex = connected_components(edges, directed=False)
+    piece = piece_of_vertex[mesh.faces[:, 0]]
+    sizes = np.bincount(piece)
+    return mesh.submesh(sizes[piece] >= minimum_share * len(mesh.faces))
+
+
+hull8 = VisualHull(
+    MethodInfo(
+        name="hull8",
+        title="Visual hull, 8 views",
+        version="1",
+        views=tuple(range(8)),
+        privileges=("known_cameras", "exact_masks"),
+        parameters=asdict(HullSettings()),
+    ),
+    HullSettings(),
+)
