@@ -82,6 +82,11 @@ class Camera:
             )
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Image width and height in pixels."""
+        return self.width, self.height
+
+    @property
     def rotation(self) -> Floats:
         """(3, 3) rotation from world axes to camera axes."""
         return self.world_to_camera[:3, :3]
