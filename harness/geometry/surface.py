@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -163,5 +162,6 @@ def _tensor32(coordinates: Floats, what: str) -> Any:
 
 def _tensor(array: Any) -> Any:
     """An Open3D tensor; typed loosely because its stubs know no numpy arrays."""
-    core: Any = importlib.import_module("open3d").core
-    return core.Tensor(array)
+    import open3d as o3d
+
+    return o3d.core.Tensor(array)  # pyright: ignore[reportCallIssue]
