@@ -1,0 +1,20 @@
+"""Surfaces from normal maps: integrated alone, or front and back together; triangulated sheets."""
+
+from methods.surface.front_back import (
+    BodyPrior,
+    FrontBackDepth,
+    FrontBackParameters,
+    integrate_front_back,
+)
+from methods.surface.integration import integrate_normals
+from methods.surface.sheets import SheetParameters, front_back_sheets
+
+__all__ = [
+    "BodyPrior",
+    "FrontBackDepth",
+    "FrontBackParameters",
+    "SheetParameters",
+    "front_back_sheets",
+    "integrate_front_back",
+    "integrate_normals",
+]
