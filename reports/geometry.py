@@ -1,0 +1,112 @@
+"""The geometry table: how far each method's surface is from the scan, mean over subjects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from harness.core.errors import ProtocolMismatch
+from harness.core.metric_catalog import METRICS
+from harness.core.records import Record
+from reports.published import PUBLISHED
+from reports.selection import Group, Selection, select
+from reports.tables import Cell, Column, Interval, Row, Table, mean_cell
+
+__all__ = ["GEOMETRY_METRICS", "geometry_table"]
+
+#: Metric ids of the paper's geometry table, in its order.
+GEOMETRY_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
+
+
+def geometry_table(
+    records: Sequence[Record],
+    *,
+    methods: Sequence[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    interval: Interval | None = None,
+    published: bool = False,
+) -> Table:
+    """The paper's geometry table of some records: a pure function of them.
+
+    Args:
+        records: Of one run.
+        methods: Rows wanted, in this order; all by default.
+        subjects: Subjects that count; all of the records' by default.
+        interval: Makes a confidence interval of the mean from the subjects' values.
+        published: Whether the paper's printed numbers stand below, as a block of their own.
+
+    Raises:
+        HarnessError: no records, or two for one method and subject.
+        ProtocolMismatch: records that are not comparable.
+    """
+    selection = select(records, methods, subjects)
+    columns = tuple(_column(metric) for metric in GEOMETRY_METRICS)
+    return Table(
+        name="geometry",
+        title="Mesh geometry",
+        dataset=selection.dataset,
+        recipe=selection.recipe,
+        protocol=selection.protocol,
+        columns=columns,
+        rows=tuple(_row(group, len(selection.subjects), interval) for group in selection.groups),
+        remarks=(*selection.remarks, *_floor_remarks(selection, columns)),
+        published=PUBLISHED["geometry"] if published else None,
+    )
+
+
+def _column(metric: str) -> Column:
+    described = METRICS[metric]
+    return Column(
+        id=metric,
+        title=described.title,
+        latex_title=described.latex_title,
+        unit=described.unit,
+        digits=described.digits,
+    )
+
+
+def _row(group: Group, of: int, interval: Interval | None) -> Row:
+    return Row(
+        method=group.method,
+        title=group.title,
+        n=len(group.ok),
+        of=of,
+        cells=_cells(group.ok, interval) if group.ok else {},
+        notes=group.notes,
+        privileges=group.privileges,
+        competes=group.competes,
+    )
+
+
+def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:
+    return {
+        metric: mean_cell([_value(record, metric) for record in records], interval)
+        for metric in GEOMETRY_METRICS
+    }
+
+
+def _value(record: Record, metric: str) -> float:
+    where = f"{record.method_name}/{record.subject}"
+    if metric not in record.metrics:
+        raise ProtocolMismatch(
+            f"the record of {where} has no {metric}", hint="Evaluate it again to replace it"
+        )
+    estimate, unit = record.metrics[metric], METRICS[metric].unit
+    if estimate.unit != unit:
+        raise ProtocolMismatch(
+            f"{metric} of {where} is in another unit", expected=unit, got=estimate.unit
+        )
+    return estimate.value
+
+
+def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]:
+    """What a perfect copy would score, where sampling keeps that from being 0."""
+    remarks = []
+    for column in columns:
+        scored = [record.metrics[column.id] for group in selection.groups for record in group.ok]
+        floor = sum(estimate.floor for estimate in scored) / max(len(scored), 1)
+        if floor > 0:
+            remarks.append(
+                f"Sampling floor of {column.title}, which a perfect copy would score: "
+                f"{column.text(floor)} {column.unit}"
+            )
+    return remarks

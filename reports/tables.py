@@ -1,0 +1,193 @@
+"""Tables as plain values: every decision about a table is taken here, every format only prints it.
+
+Rounding, which cells are best, which rows carry which footnote and what the caption says are the
+same in LaTeX, Markdown, CSV and JSON because they are decided once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Literal
+
+from reports.published import PublishedBlock
+
+__all__ = [
+    "DASH",
+    "Cell",
+    "Column",
+    "Interval",
+    "Row",
+    "Stage",
+    "Table",
+    "footnote_mark",
+    "mean_cell",
+]
+
+#: What a cell without a number shows.
+DASH = "–"
+
+#: Low and high end of a confidence interval of the mean of some values.
+Interval = Callable[[Sequence[float]], tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One quantity of a table.
+
+    Attributes:
+        id: As in records and files, such as ``chamfer``.
+        title: For people, without unit.
+        latex_title: The same as LaTeX source.
+        unit: Symbol, such as ``mm``.
+        digits: Decimals shown; cells are compared after rounding to them.
+        ranked: Whether lower is better and the best is bold.
+        statistic: What a cell is of its subjects' values.
+    """
+
+    id: str
+    title: str
+    latex_title: str
+    unit: str
+    digits: int
+    ranked: bool = True
+    statistic: Literal["mean", "max"] = "mean"
+
+    def text(self, value: float) -> str:
+        """The value as printed, without its unit."""
+        return f"{value:.{self.digits}f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A number over subjects, with the interval of its mean where one was asked for."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """The cells of one stage of a method, shown below the method's own row."""
+
+    name: str
+    cells: Mapping[str, Cell]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One method.
+
+    Attributes:
+        method: Name on the command line.
+        title: Name for people.
+        n: Subjects that the cells are of.
+        of: Subjects asked for; the other ``of - n`` failed, are missing or have no record.
+        cells: By column id; a column that is not there shows a dash.
+        notes: What must be known to compare this row; printed as footnotes.
+        privileges: What the method was given beyond pixels and masks.
+        competes: Whether the row may be the best; a row that was given the answer may not.
+        stages: Its parts, in order.
+    """
+
+    method: str
+    title: str
+    n: int
+    of: int
+    cells: Mapping[str, Cell]
+    notes: tuple[str, ...] = ()
+    privileges: tuple[str, ...] = ()
+    competes: bool = True
+    stages: tuple[Stage, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Comparable rows: one dataset, one recipe, one metric protocol.
+
+    Attributes:
+        name: ``geometry`` or ``cost``.
+        title: For people.
+        dataset, recipe: What every row was measured on.
+        protocol: Name, version and sha of the metric protocol.
+        columns: Left to right.
+        rows: Top to bottom.
+        remarks: Sentences about the whole table.
+        published: Numbers printed elsewhere, shown apart and never compared with the rows.
+    """
+
+    name: str
+    title: str
+    dataset: str
+    recipe: str
+    protocol: Mapping[str, object]
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    remarks: tuple[str, ...] = ()
+    published: PublishedBlock | None = None
+
+    @property
+    def footnotes(self) -> Mapping[str, str]:
+        """Mark of each footnote's text, in the order in which the rows name them."""
+        texts = dict.fromkeys(note for row in self.rows for note in row.notes)
+        return {text: footnote_mark(index) for index, text in enumerate(texts)}
+
+    def marks(self, row: Row) -> tuple[str, ...]:
+        """The footnote marks of a row."""
+        return tuple(self.footnotes[note] for note in row.notes)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every row is of all subjects, so that no ``n/N`` column is needed."""
+        return all(row.n == row.of for row in self.rows)
+
+    def is_best(self, row: Row, column: Column) -> bool:
+        """Whether the cell is the lowest of the competing rows, after rounding; ties all are."""
+        cell = row.cells.get(column.id)
+        if cell is None or not (column.ranked and row.competes):
+            return False
+        rivals = (other.cells[column.id] for other in self.rows if _rival(other, column))
+        return column.text(cell.value) == column.text(min(rival.value for rival in rivals))
+
+    @property
+    def caption(self) -> str:
+        """What was measured, on what and how, in plain text."""
+        subjects = max((row.of for row in self.rows), default=0)
+        sentences = [
+            f"{self.title} on {self.dataset}, {subjects} subject{'' if subjects == 1 else 's'}, "
+            f"photos {self.recipe or 'made elsewhere'}",
+            f"Metric protocol {self.protocol['name']} version {self.protocol['version']} "
+            f"(sha {self.protocol['sha']})",
+        ]
+        if not self.complete:
+            sentences.append("n/N: subjects in the mean of those asked for")
+        if any(cell.low is not None for row in self.rows for cell in row.cells.values()):
+            sentences.append("Brackets: 95 % bootstrap interval of the mean over subjects")
+        if any(column.ranked for column in self.columns):
+            sentences.append("Lower is better, best in bold")
+        return ". ".join((*sentences, *self.remarks)) + "."
+
+
+def _rival(row: Row, column: Column) -> bool:
+    return row.competes and column.id in row.cells
+
+
+def footnote_mark(index: int) -> str:
+    """a, b, ... z, aa, ab, ... for 0, 1, 2, ..."""
+    mark = ""
+    index += 1
+    while index:
+        index, letter = divmod(index - 1, 26)
+        mark = chr(ord("a") + letter) + mark
+    return mark
+
+
+def mean_cell(values: Sequence[float], interval: Interval | None = None) -> Cell:
+    """The mean over subjects, with its interval where one is asked for and at least two count."""
+    mean = fmean(values)
+    if interval is None or len(values) < 2:
+        return Cell(mean)
+    low, high = interval(values)
+    return Cell(mean, low, high)
