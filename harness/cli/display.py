@@ -1,0 +1,61 @@
+"""Progress bars with time left, on standard error so that standard output stays clean."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+__all__ = ["Bars"]
+
+
+class Bars:
+    """Draws the pipeline's progress; a context manager."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        self._bars = Progress(
+            TextColumn("{task.description:>16}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=quiet,
+        )
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Bars:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bars.stop()
+
+    def expect(self, task: str, total: int) -> None:
+        """Show a bar, unless there is nothing to do."""
+        if total:
+            self._tasks[task] = self._bars.add_task(task, total=total)
+
+    def done(self, task: str, steps: int = 1) -> None:
+        """Move a bar; work that nobody announced has none."""
+        if task in self._tasks:
+            self._bars.advance(self._tasks[task], steps)
+
+    def say(self, text: str) -> None:
+        """Print a line above the bars."""
+        self._bars.console.print(text, markup=False, highlight=False)

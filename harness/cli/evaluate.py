@@ -1,0 +1,115 @@
+"""``harness eval``: reconstruct and score."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.options import (
+    Dataset,
+    Jobs,
+    Json,
+    ManifestPath,
+    Protocol,
+    Recipe,
+    Subjects,
+    WorkspacePath,
+    split_names,
+)  # fmt: skip
+from harness.core.errors import HarnessError
+
+if TYPE_CHECKING:
+    from harness.pipeline.plan import EvalRequest
+
+__all__ = ["evaluate"]
+
+
+def evaluate(
+    method: Annotated[str, typer.Option("--method", help="Methods, comma-separated.")],
+    dataset: Dataset = "avatars",
+    subjects: Subjects = "",
+    recipe: Recipe = "paper8",
+    protocol: Protocol = "mexecon",
+    run: Annotated[str, typer.Option("--run", help="Run folder.")] = "main",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="A method's setting, NAME=VALUE.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Root of all randomness.")] = 0,
+    jobs: Jobs = 1,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep intermediate results.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would run.")] = False,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Render what is missing, reconstruct, score and file records; resume is the default."""
+    from harness.data.manifest import load_manifest
+    from harness.pipeline.plan import EvalRequest
+    from harness.pipeline.sources import Source
+    from harness.pipeline.store import RunStore
+    from harness.pipeline.workspace import Workspace
+
+    checked = load_manifest(manifest)
+    place = Workspace.default(workspace)
+    request = EvalRequest(
+        source=Source.select(checked, place, dataset, split_names(subjects), recipe),
+        methods=split_names(method),
+        protocol=checked.protocol(protocol),
+        store=RunStore(place.run(run)) if dry_run else RunStore.open(place, run),
+        seed=seed,
+        jobs=jobs,
+        settings=_settings(settings or []),
+        keep=keep,
+    )
+    if dry_run:
+        _show_plan(request, as_json=as_json)
+    else:
+        _run(request, as_json=as_json)
+
+
+def _settings(texts: list[str]) -> dict[str, str]:
+    pairs = {}
+    for text in texts:
+        name, separator, value = text.partition("=")
+        if not separator:
+            raise HarnessError(
+                f"--set {text}", expected="NAME=VALUE", hint="Like --set voxel_m=0.005"
+            )
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from harness.pipeline.plan import plan
+
+    cells = plan(request)
+    if as_json:
+        print(json.dumps([asdict(cell) for cell in cells], indent=2))
+        return
+    for cell in cells:
+        print(f"{cell.method:16} {cell.subject:10} {cell.state:7} {cell.why}")
+    waiting = sum(cell.state == "run" for cell in cells)
+    print(f"{waiting} of {len(cells)} cells would run")
+
+
+def _run(request: EvalRequest, *, as_json: bool) -> None:
+    from harness.cli.display import Bars
+    from harness.pipeline.evaluate import evaluate as carry_out
+
+    with Bars(quiet=as_json) as bars:
+        summary = carry_out(request, bars)
+    counts = dict(summary.counts)
+    if as_json:
+        document = {"run": str(request.store.directory), "counts": counts, "cached": summary.cached}
+        document["records"] = [record.to_dict() for record in summary.records]
+        print(json.dumps(document, indent=2))
+    else:
+        told = ", ".join(f"{number} {status}" for status, number in counts.items())
+        print(f"{told} ({summary.cached} cached) in {request.store.directory}")
+        print(f"Next: harness report --table geometry --run {request.store.directory.name}")
+    if counts.get("ok", 0) < len(summary.records):
+        raise typer.Exit(1)

@@ -1,0 +1,51 @@
+"""``harness``: the verbs, and how errors reach a person.
+
+Exit codes: 0 done; 1 the command ran and the answer is no (failed subjects, moved numbers, missing
+files); 2 a request that cannot be carried out; 3 bad data; 4 a missing part; 5 a failed method or
+worker; 6 numbers that must not be mixed.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from harness.cli import check, data, doctor, evaluate, quickstart, render, report, score
+from harness.core.errors import HarnessError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="harness",
+    help="Measure how well clothed people are reconstructed in 3D from 1 to N calibrated photos.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    epilog="Start with 'harness quickstart'; 'harness doctor' says what is usable on this machine.",
+)
+app.command("quickstart")(quickstart.quickstart)
+app.command("doctor")(doctor.doctor)
+app.add_typer(data.app, name="data")
+app.command("render")(render.render)
+app.command("eval")(evaluate.evaluate)
+app.command("score")(score.score)
+app.command("report")(report.report)
+app.command("check")(check.check)
+
+
+def main() -> None:
+    """Run the command line; a user's mistake is one sentence on standard error."""
+    try:
+        app(standalone_mode=True)
+    except HarnessError as error:
+        print(f"harness: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("harness: interrupted; the same command continues", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

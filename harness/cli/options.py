@@ -1,0 +1,45 @@
+"""Options that several verbs share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = [
+    "Dataset",
+    "Jobs",
+    "Json",
+    "ManifestPath",
+    "Protocol",
+    "Recipe",
+    "Run",
+    "Subjects",
+    "WorkspacePath",
+    "split_names",
+]
+
+WorkspacePath = Annotated[
+    Path | None,
+    typer.Option(
+        "--workspace", help="Folder of data/, captures/ and runs/.", envvar="HARNESS_WORKSPACE"
+    ),
+]
+ManifestPath = Annotated[
+    Path | None, typer.Option("--manifest", help="Another data_manifest.yaml.")
+]
+Dataset = Annotated[str, typer.Option("--dataset", help="Dataset or split of the manifest.")]
+Subjects = Annotated[
+    str, typer.Option("--subjects", help="Only these, comma-separated. Default: all.")
+]
+Recipe = Annotated[str, typer.Option("--recipe", help="Render recipe of the manifest.")]
+Protocol = Annotated[str, typer.Option("--protocol", help="Metric protocol of the manifest.")]
+Run = Annotated[str | None, typer.Option("--run", help="Run folder. Default: the last one.")]
+Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Subjects worked on at once.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+
+
+def split_names(text: str) -> tuple[str, ...]:
+    """The names in a comma-separated option."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -1,0 +1,155 @@
+"""``harness score``: a pair of meshes, or a folder of meshes made elsewhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.options import (
+    Dataset,
+    Json,
+    ManifestPath,
+    Protocol,
+    Subjects,
+    WorkspacePath,
+    split_names,
+)  # fmt: skip
+from harness.core.errors import HarnessError
+
+if TYPE_CHECKING:
+    from metrics.score import Score
+
+    from harness.core.settings import MetricProtocol
+    from harness.data.manifest import Manifest
+
+__all__ = ["score"]
+
+
+def score(
+    predicted: Annotated[
+        Path, typer.Argument(metavar="PRED", help="A mesh, or a folder of <id>.ply|obj|glb.")
+    ],
+    gt: Annotated[
+        Path | None, typer.Option("--gt", help="The true mesh, for a single PRED.")
+    ] = None,
+    dataset: Dataset = "",
+    name: Annotated[str, typer.Option("--name", help="Under which method a folder is filed.")] = "",
+    title: Annotated[str, typer.Option("--title", help="Its title in tables.")] = "",
+    subjects: Subjects = "",
+    protocol: Protocol = "mexecon",
+    run: Annotated[str, typer.Option("--run", help="Run folder for a folder's records.")] = "main",
+    points: Annotated[
+        Path | None, typer.Option("--points", help="Write per-point errors of a pair to this .npz.")
+    ] = None,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Score a mesh against the truth, or a folder of meshes against a dataset.
+
+    Meshes are metres in the world frame (+Y up); nothing is aligned, scaled or repaired.
+    """
+    from harness.data.manifest import load_manifest
+
+    checked = load_manifest(manifest)
+    rule = checked.protocol(protocol)
+    if gt is not None and not dataset:
+        _pair(predicted, gt, rule, points, as_json=as_json)
+    elif dataset and gt is None:
+        if not name:
+            raise HarnessError("a folder needs a name", hint="Give --name mymethod")
+        _folder(
+            checked,
+            (predicted, name, title or name),
+            (dataset, subjects, run),
+            rule,
+            workspace,
+            as_json,
+        )
+    else:
+        raise HarnessError(
+            "score what against what?",
+            hint="Give --gt TRUTH for one mesh, or --dataset NAME --name METHOD for a folder",
+        )
+
+
+def _pair(
+    predicted: Path, truth: Path, rule: MetricProtocol, points: Path | None, *, as_json: bool
+) -> None:
+    from harness.pipeline.scoring import score_pair
+
+    outcome = score_pair(predicted, truth, rule, keep_points=points is not None)
+    if points is not None:
+        _write_points(points, outcome)
+    if as_json:
+        document = {
+            "protocol": rule.name,
+            "protocol_version": rule.version,
+            "protocol_sha": rule.sha,
+            "predicted": str(predicted),
+            "truth": str(truth),
+            "metrics": {key: value.to_dict() for key, value in outcome.metrics.items()},
+            "diagnostics": outcome.diagnostics,
+            "warnings": list(outcome.warnings),
+        }
+        print(json.dumps(document, indent=2, allow_nan=False))
+        return
+    from harness.core.metric_catalog import METRICS
+
+    print(f"{predicted} against {truth}, protocol {rule.name} v{rule.version}")
+    for key, value in outcome.metrics.items():
+        floor = f"   floor {value.floor:.3f} {value.unit}" if value.floor else ""
+        print(
+            f"  {METRICS[key].title:18} {value.value:9.3f} {value.unit:3} "
+            f"± {value.standard_error:.3f} (standard error, n = {value.n}){floor}"
+        )
+    for warning in outcome.warnings:
+        print(f"  warning: {warning}")
+
+
+def _write_points(path: Path, outcome: Score) -> None:
+    import numpy as np
+
+    from harness.core.files import atomic_path
+
+    with atomic_path(path.with_suffix(".npz")) as temporary:
+        np.savez_compressed(temporary, **outcome.points)
+
+
+def _folder(
+    manifest: Manifest,
+    what: tuple[Path, str, str],
+    target: tuple[str, str, str],
+    rule: MetricProtocol,
+    workspace: Path | None,
+    as_json: bool,
+) -> None:
+    from harness.cli.display import Bars
+    from harness.pipeline.scoring import FolderRequest, dataset_target, score_folder
+    from harness.pipeline.store import RunStore
+    from harness.pipeline.workspace import Workspace
+
+    folder, name, title = what
+    dataset, subjects, run = target
+    place = Workspace.default(workspace)
+    request = FolderRequest(
+        folder=folder,
+        name=name,
+        title=title,
+        dataset=dataset_target(manifest, dataset, split_names(subjects), place.root),
+        protocol=rule,
+        store=RunStore.open(place, run),
+    )
+    with Bars(quiet=as_json) as bars:
+        records = score_folder(request, bars)
+    if as_json:
+        print(json.dumps([record.to_dict() for record in records], indent=2))
+    else:
+        scored = sum(record.status == "ok" for record in records)
+        print(f"{scored} of {len(records)} subjects scored in {request.store.directory}")
+        print(f"Next: harness report --table geometry --run {run}")
+    if any(record.status != "ok" for record in records):
+        raise typer.Exit(1)

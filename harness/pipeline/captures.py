@@ -1,0 +1,122 @@
+"""``harness render``: photos of many subjects, each in its own child process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+
+from harness.core.artifacts import Capture
+from harness.core.errors import HarnessError
+from harness.core.workers import run_worker
+from harness.pipeline.progress import Progress
+from harness.pipeline.sources import Source
+
+__all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all"]
+
+#: Name of the progress bar that counts views.
+PHOTOS = "photos"
+_WORKER = "harness.pipeline.capture_worker"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureOutcome:
+    """What became of one subject's photos or scan.
+
+    Attributes:
+        subject: Its id.
+        state: ``made now``, ``cached`` or ``failed``.
+        directory: Where it lies.
+        proof: The renderer's proof that the cameras are exact, as in ``capture.json``.
+        warnings: For instance views in which the frame cuts the subject.
+        failure: Why it failed; empty when it did not.
+    """
+
+    subject: str
+    state: str
+    directory: str
+    proof: object = None
+    warnings: tuple[str, ...] = field(default_factory=tuple)
+    failure: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        notes = "".join(f"\n    {note}" for note in (*self.warnings, self.failure) if note)
+        return f"{self.subject}: {self.state:9} {self.directory}{notes}"
+
+
+def photograph(source: Source, subject: str, progress: Progress) -> Capture:
+    """One subject's photos, made in a child process if they are not there or stale.
+
+    Raises:
+        HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
+    """
+    if source.capture_state(subject)[0] != "cached":
+        before = 0
+
+        def steps(done: int, total: int) -> None:  # noqa: ARG001
+            nonlocal before
+            progress.done(PHOTOS, done - before)
+            before = done
+
+        job = {"source": source.to_job(), "subject": subject, "only_scan": False}
+        run_worker(_WORKER, job, progress=steps)
+    return Capture.load(source.capture_directory(subject))
+
+
+def render_all(source: Source, jobs: int, progress: Progress) -> list[CaptureOutcome]:
+    """The photos of all subjects of a source; one that fails does not stop the others."""
+    source.root()
+    states = {subject: source.capture_state(subject)[0] for subject in source.subjects}
+    waiting = sum(state != "cached" for state in states.values())
+    progress.expect(PHOTOS, waiting * source.recipe.rig.views)
+
+    def one(subject: str) -> CaptureOutcome:
+        state = "cached" if states[subject] == "cached" else "made now"
+        try:
+            capture = photograph(source, subject, progress)
+        except HarnessError as error:
+            return CaptureOutcome(subject, "failed", "", failure=str(error))
+        proof = capture.provenance.get("proof")
+        return CaptureOutcome(subject, state, str(capture.directory), proof, capture.warnings)
+
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        return list(pool.map(one, source.subjects))
+
+
+def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureOutcome]:
+    """The generated subjects of a source, made unless they are there.
+
+    Raises:
+        HarnessError: the dataset is not one that is generated.
+    """
+    if not source.is_generated:
+        raise HarnessError(
+            f"dataset '{source.name}' is not generated",
+            hint=f"'harness data check {source.name}' shows where its files belong",
+        )
+    waiting = [subject for subject in source.subjects if not source.avatar_is_current(subject)]
+    progress.expect("avatars", len(waiting))
+
+    def one(subject: str) -> CaptureOutcome:
+        directory = str(source.avatar_directory(subject))
+        if subject not in waiting:
+            return CaptureOutcome(subject, "cached", directory)
+        job: Mapping[str, object] = {
+            "source": source.to_job(),
+            "subject": subject,
+            "only_scan": True,
+        }
+        try:
+            run_worker(_WORKER, job)
+        except HarnessError as error:
+            return CaptureOutcome(subject, "failed", directory, failure=str(error))
+        finally:
+            progress.done("avatars")
+        return CaptureOutcome(subject, "made now", directory)
+
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        return list(pool.map(one, source.subjects))

@@ -1,0 +1,103 @@
+"""Runs in a child process: one method on one subject, scored, with what it cost."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.artifacts import Body, Capture, Reconstruction
+from harness.core.errors import MethodError
+from harness.core.files import atomic_path
+from harness.core.hashing import derive_seed
+from harness.core.mesh import Mesh
+from harness.core.mesh_files import save_mesh
+from harness.core.protocols import Context, Method
+from harness.core.workers import Progress, worker_main
+from harness.pipeline.cost import StageMeter
+from harness.pipeline.plan import resolve_method
+from harness.pipeline.sources import Source
+
+__all__ = ["handle"]
+
+
+def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # noqa: ARG001
+    """Reconstruct and score; the parts of the record that only the run itself can know."""
+    subject = str(job["subject"])
+    source = Source.from_job(job["source"], subject)  # type: ignore[arg-type]
+    method = resolve_method(str(job["method"]), dict(job["settings"]))  # type: ignore[call-overload]
+    protocol = source.manifest.protocol(str(job["protocol"]))
+    capture = Capture.load(source.capture_directory(subject))
+    _, truth = source.load(subject)
+    cell = Path(str(job["cell"]))
+    meter = StageMeter()
+    workdir = cell / "work"
+    workdir.mkdir(parents=True, exist_ok=True)
+    context = Context(
+        seed=derive_seed(int(job["seed"]), method.info.name, subject),  # type: ignore[call-overload]
+        workdir=workdir,
+        stage=meter.stage,
+        privileged=_privileged(method, truth),
+    )
+    try:
+        result = method.reconstruct(capture, context)
+    finally:
+        if not job["keep"]:
+            shutil.rmtree(workdir)
+    save_mesh(cell / "mesh.ply", result.mesh)
+    if result.body:
+        _save_body(cell / "body.npz", result.body)
+    return _scored(result, truth, protocol, meter)
+
+
+def _privileged(method: Method, truth: Mesh) -> dict[str, object]:
+    """What the method's declared privileges entitle it to, and nothing else."""
+    lent: dict[str, object] = {}
+    if "ground_truth_mesh" in method.info.privileges:
+        lent["ground_truth_mesh"] = truth.geometry()
+    return lent
+
+
+def _scored(
+    result: Reconstruction, truth: Mesh, protocol: object, meter: StageMeter
+) -> dict[str, object]:
+    from metrics.score import score
+
+    if not isinstance(result.mesh, Mesh):
+        raise MethodError("the method returned no mesh", got=type(result.mesh).__name__)
+    costs = [
+        {
+            "name": stage.name,
+            "wall_s": stage.wall_s,
+            "peak_rss_mib": stage.peak_rss_mib,
+            "peak_gpu_mib": stage.peak_gpu_mib,
+        }
+        for stage in meter.stages
+    ]
+    outcome = score(result.mesh, truth, protocol)  # type: ignore[arg-type]
+    return {
+        "metrics": {name: value.to_dict() for name, value in outcome.metrics.items()},
+        "stages": costs,
+        "details": {
+            **dict(result.details),
+            "diagnostics": outcome.diagnostics,
+            "warnings": list(outcome.warnings),
+        },
+    }
+
+
+def _save_body(path: Path, body: Body) -> None:
+    with atomic_path(path) as temporary:
+        np.savez_compressed(
+            temporary,
+            model=body.model,
+            vertices=body.vertices,
+            joints=body.joints,
+            faces=body.faces,
+            **{f"parameter_{name}": value for name, value in body.parameters.items()},
+        )
+
+
+if __name__ == "__main__":
+    worker_main(handle)

@@ -1,0 +1,190 @@
+"""What is installed and usable on this machine, and the next step for each thing that is not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+from harness.core.errors import HarnessError, MissingPart
+from harness.data.manifest import Manifest
+from harness.pipeline.inventory import check_tree
+from harness.pipeline.workspace import Workspace
+
+__all__ = ["SYSTEM_PACKAGES", "Finding", "examine", "system_packages_of"]
+
+#: Debian package of each shared library that a wheel expects the system to have.
+_DEBIAN_PACKAGES = {
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libgomp.so.1": "libgomp1",
+    "libX11.so.6": "libx11-6",
+    "libXrender.so.1": "libxrender1",
+    "libXi.so.6": "libxi6",
+    "libXfixes.so.3": "libxfixes3",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libSM.so.6": "libsm6",
+    "libICE.so.6": "libice6",
+}
+#: What a bare Debian 12 lacks, as one argument list for apt-get.
+SYSTEM_PACKAGES = tuple(_DEBIAN_PACKAGES.values())
+
+#: Package to import in a child process, the distribution that installs it, what it is for.
+_MODULES = (
+    ("numpy", "numpy", "arrays"),
+    ("scipy", "scipy", "nearest neighbours, distance transforms"),
+    ("skimage", "scikit-image", "marching cubes"),
+    ("open3d", "open3d", "ray casting, exact closest points"),
+    ("torch", "torch", "bodies of generated avatars"),
+    ("anny", "anny", "bodies of generated avatars"),
+    ("bpy", "bpy", "Blender, the renderer"),
+    ("mediapipe", "mediapipe", "2-D landmarks"),
+    ("pandas", "pandas", "tables"),
+    ("matplotlib", "matplotlib", "figures"),
+)
+_IMPORT_TIMEOUT_S = 120
+_LOW_DISK_GIB = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        kind: ``system``, ``package``, ``device``, ``dataset``, ``method`` or ``renderer``.
+        name: What it is.
+        usable: Whether it can be used.
+        needed: Whether the out-of-the-box pipeline needs it.
+        note: Version or reason.
+        next_step: What to run or get when it is not usable.
+    """
+
+    kind: str
+    name: str
+    usable: bool
+    needed: bool
+    note: str
+    next_step: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return asdict(self)
+
+
+def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
+    """Everything that matters, one finding at a time, cheapest first."""
+    yield _python()
+    yield _disk(workspace)
+    yield from (_module(*entry) for entry in _MODULES)
+    yield from _devices()
+    yield from _catalogued()
+    yield from (_dataset(manifest, workspace, name) for name in manifest.datasets)
+
+
+def _python() -> Finding:
+    version = ".".join(map(str, sys.version_info[:3]))
+    return Finding(
+        "system", "python", sys.version_info[:2] == (3, 11), True, version,
+        "Blender's bpy 4.5 exists for Python 3.11 alone: make the environment with python3.11",
+    )  # fmt: skip
+
+
+def _disk(workspace: Workspace) -> Finding:
+    place = next(path for path in (workspace.root, *workspace.root.parents) if path.exists())
+    free_gib = shutil.disk_usage(place).free / 2**30
+    return Finding(
+        "system", "disk", free_gib > _LOW_DISK_GIB and os.access(place, os.W_OK), True,
+        f"{free_gib:.0f} GiB free in {workspace.root}",
+        "Free some space, or name another folder with --workspace",
+    )  # fmt: skip
+
+
+def _module(module: str, distribution: str, purpose: str) -> Finding:
+    """Imported in a child process: a broken library may take its process with it."""
+    program = f"import {module}, importlib.metadata as m; print(m.version({distribution!r}))"
+    try:
+        process = subprocess.run(
+            [sys.executable, "-c", program],
+            capture_output=True, text=True, timeout=_IMPORT_TIMEOUT_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return Finding("package", module, False, True, "import did not end", "Try again")
+    if process.returncode == 0:
+        version = process.stdout.strip().splitlines()[-1]
+        return Finding("package", module, True, True, f"{version}, {purpose}")
+    reason = (process.stderr.strip().splitlines() or [f"exit status {process.returncode}"])[-1]
+    packages = system_packages_of(process.stderr)
+    if packages:
+        step = f"sudo apt-get install -y {' '.join(packages)}"
+    else:
+        step = f"pip install -c constraints.txt {distribution}"
+    return Finding("package", module, False, True, f"{purpose}: {reason}", step)
+
+
+def system_packages_of(message: str) -> tuple[str, ...]:
+    """The Debian packages of the shared libraries that an import error names."""
+    return tuple(package for library, package in _DEBIAN_PACKAGES.items() if library in message)
+
+
+def _devices() -> Iterator[Finding]:
+    cpus = os.cpu_count() or 1
+    yield Finding("device", "cpu", True, True, f"{cpus} cores")
+    smi = shutil.which("nvidia-smi")
+    names = ""
+    if smi:
+        process = subprocess.run(
+            [smi, "--query-gpu=name,memory.total", "--format=csv,noheader"],
+            capture_output=True, text=True, timeout=30, check=False,
+        )  # fmt: skip
+        names = "; ".join(process.stdout.split("\n")).strip("; ") if not process.returncode else ""
+    yield Finding(
+        "device", "gpu", bool(names), False, names or "none found; everything runs on the CPU",
+        "" if names else "Nothing to do: a GPU only makes it faster",
+    )  # fmt: skip
+
+
+def _catalogued() -> Iterator[Finding]:
+    from methods.catalog import METHODS
+    from renderers.catalog import RENDERERS
+
+    for kind, registry in (("renderer", RENDERERS), ("method", METHODS)):
+        for name in registry:
+            try:
+                found = registry.resolve(name)
+            except HarnessError as error:
+                yield Finding(kind, name, False, False, error.what, error.hint)
+                continue
+            info = getattr(found, "info", None)
+            parts = ", ".join(part.name for part in info.parts) if info else ""
+            yield Finding(
+                kind,
+                name,
+                True,
+                True,
+                getattr(info, "title", "") + (f" ({parts})" if parts else ""),
+            )
+
+
+def _dataset(manifest: Manifest, workspace: Workspace, name: str) -> Finding:
+    dataset = manifest.datasets[name]
+    try:
+        manifest.root(name, workspace.root)
+    except MissingPart as error:
+        return Finding("dataset", name, False, False, error.what, error.hint)
+    tree = check_tree(manifest, workspace, name, ())
+    note = f"{dataset.title}, {len(dataset.subjects)} subjects"
+    if tree.complete:
+        return Finding("dataset", name, True, False, note)
+    return Finding(
+        "dataset", name, False, False, f"{note}: {tree.summary}", _dataset_step(name, dataset.kind)
+    )
+
+
+def _dataset_step(name: str, kind: str) -> str:
+    if kind == "generated":
+        return f"harness data make {name} (eval and quickstart do it when they need it)"
+    return f"harness data check {name}"

@@ -1,0 +1,36 @@
+"""How the pipeline tells what it is doing; the command line draws it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+__all__ = ["Progress", "Silent"]
+
+
+class Progress(Protocol):
+    """Receives the pipeline's progress, possibly from several threads."""
+
+    def expect(self, task: str, total: int) -> None:
+        """A task of ``total`` steps begins."""
+        ...
+
+    def done(self, task: str, steps: int = 1) -> None:
+        """Some of its steps are done."""
+        ...
+
+    def say(self, text: str) -> None:
+        """One line worth keeping on the screen."""
+        ...
+
+
+class Silent:
+    """Says nothing."""
+
+    def expect(self, task: str, total: int) -> None:
+        """Ignore."""
+
+    def done(self, task: str, steps: int = 1) -> None:
+        """Ignore."""
+
+    def say(self, text: str) -> None:
+        """Ignore."""

@@ -1,0 +1,166 @@
+"""Scoring meshes made elsewhere: a pair of files, or a folder with one mesh per subject."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.hashing import content_hash, file_sha256
+from harness.core.mesh_files import MESH_SUFFIXES, load_mesh
+from harness.core.records import Record
+from harness.core.settings import MetricProtocol
+from harness.data.manifest import Dataset, Manifest
+from harness.data.scans import load_scan
+from harness.pipeline.environment import environment, utc_now
+from harness.pipeline.progress import Progress
+from harness.pipeline.store import RunStore
+
+if TYPE_CHECKING:
+    from metrics.score import Score
+
+__all__ = ["FolderRequest", "score_folder", "score_pair"]
+
+
+def score_pair(
+    predicted: Path, truth: Path, protocol: MetricProtocol, *, keep_points: bool = False
+) -> Score:
+    """The metrics of two mesh files that are already in metres and in one frame.
+
+    Raises:
+        DataError: a mesh that cannot be read or compared.
+    """
+    from metrics.score import score
+
+    return score(load_mesh(predicted), load_mesh(truth), protocol, keep_points=keep_points)
+
+
+@dataclass(frozen=True, slots=True)
+class FolderRequest:
+    """A folder of meshes named by subject, to be filed as a method.
+
+    Attributes:
+        folder: Holds ``<id>.ply``, ``.obj``, ``.glb``, ``.off`` or ``.stl``: metres, world frame.
+        name: The method's name in records and tables.
+        title: Its title in tables.
+        dataset: What it is measured on: name, entry, root folder and subjects.
+        protocol: How.
+        store: Where records go.
+    """
+
+    folder: Path
+    name: str
+    title: str
+    dataset: tuple[str, Dataset, Path, tuple[str, ...]]
+    protocol: MetricProtocol
+    store: RunStore
+
+
+def dataset_target(
+    manifest: Manifest, name: str, subjects: tuple[str, ...], workspace_root: Path
+) -> tuple[str, Dataset, Path, tuple[str, ...]]:
+    """Name, entry, root folder and subjects of a dataset or split."""
+    resolved, dataset, chosen = manifest.select(name, subjects)
+    return resolved, dataset, manifest.root(resolved, workspace_root), chosen
+
+
+def score_folder(request: FolderRequest, progress: Progress) -> list[Record]:
+    """One record per subject of the dataset; a subject without a mesh is ``missing``, not dropped.
+
+    Raises:
+        HarnessError: no such folder, not one mesh named by a subject, or the name of a method that
+            is run here.
+    """
+    from methods.catalog import METHODS
+
+    if request.name in METHODS.targets():
+        raise HarnessError(
+            f"'{request.name}' is a method that is run here",
+            hint="File meshes made elsewhere under another --name",
+        )
+    if not request.folder.is_dir():
+        raise HarnessError(f"no folder at {request.folder}")
+    subjects = request.dataset[3]
+    meshes = {subject: _mesh_of(request.folder, subject) for subject in subjects}
+    if not any(meshes.values()):
+        present = sorted(path.stem for path in request.folder.iterdir())
+        raise DataError(
+            f"{request.folder} holds no mesh of dataset '{request.dataset[0]}'",
+            expected=f"files such as {subjects[0]}.ply",
+            got=", ".join(present[:5]) or "an empty folder",
+            hint=did_you_mean(present[0], subjects) if present else "",
+        )
+    progress.expect("meshes", len(subjects))
+    records = []
+    for subject, path in meshes.items():
+        with request.store.locked(request.name, subject):
+            record = _score_subject(request, subject, path)
+            record.save(request.store.cell(request.name, subject) / "record.json")
+        if record.status != "ok":
+            progress.say(f"{subject} {record.status}: {record.reason}")
+        progress.done("meshes")
+        records.append(record)
+    return records
+
+
+def _mesh_of(folder: Path, subject: str) -> Path | None:
+    found = [folder / f"{subject}{suffix}" for suffix in MESH_SUFFIXES]
+    found = [path for path in found if path.is_file()]
+    if len(found) > 1:
+        raise DataError(
+            f"{folder} holds several meshes of subject '{subject}'",
+            expected="one",
+            got=", ".join(path.name for path in found),
+        )
+    return found[0] if found else None
+
+
+def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Record:
+    from metrics.score import score
+
+    name, dataset, root, _ = request.dataset
+    method: dict[str, object] = {
+        "name": request.name,
+        "title": request.title,
+        "version": "external",
+        "views": None,
+        "parts": [],
+        "privileges": ["made_elsewhere"],
+        "parameters": {},
+    }
+    metrics: Mapping[str, object] = {}
+    details: dict[str, object] = {}
+    identity: Mapping[str, object] = {}
+    status, reason = "ok", ""
+    try:
+        if path is None:
+            status, reason = "missing", f"no mesh of {subject} in {request.folder}"
+        else:
+            scan, truth = load_scan(name, dataset, root, subject)
+            identity = {"scan": scan.identity(), "mesh": file_sha256(path)}
+            outcome = score(load_mesh(path), truth, request.protocol)
+            metrics = dict(outcome.metrics)
+            details = {"diagnostics": outcome.diagnostics, "warnings": list(outcome.warnings)}
+    except HarnessError as error:
+        status, reason = "failed", str(error)
+    return Record(
+        key=content_hash(
+            {"method": method, "inputs": identity, "protocol": request.protocol.to_dict()}
+        ),
+        method=method,
+        dataset=name,
+        subject=subject,
+        # Made elsewhere: nobody here knows from which photos.
+        recipe="",
+        protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
+        capture={"key": "", "warnings": []},
+        seed=request.protocol.seed,
+        status=status,  # type: ignore[arg-type]
+        reason=reason,
+        metrics=metrics,  # type: ignore[arg-type]
+        details=details,
+        environment=environment(),
+        created_utc=utc_now(),
+    )
