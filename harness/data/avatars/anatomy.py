@@ -1,4 +1,4 @@
-"""Where on the body a point is: along which limb, how far down it, and around it.
+"""Where on the body a point is: on which limb, how far down it, and around it.
 
 Garments are cut and folded in these coordinates of the rest pose, so one pattern fits every body.
 """
@@ -12,7 +12,14 @@ import numpy as np
 from harness.data.avatars.body import PosedBody
 from harness.data.avatars.surface import Floats, Patch
 
-__all__ = ["LIMBS", "LimbPlace", "limb_places", "torso_axis"]
+__all__ = [
+    "LIMBS",
+    "LimbPlace",
+    "limb_places",
+    "pattern_coordinates",
+    "pattern_places",
+    "torso_axis",
+]
 
 LIMBS = ("arm.L", "arm.R", "leg.L", "leg.R")
 
@@ -24,6 +31,10 @@ _MEMBERS = {
     "arm": ("upperarm", "lowerarm", "wrist", "finger", "metacarpal"),
     "leg": ("upperleg", "lowerleg", "foot", "toe"),
 }
+
+
+_TRUNK_RADIUS, _SLEEVE_RADIUS = 0.15, 0.055
+"""Metres of cloth per radian."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +69,12 @@ def _limb_place(patch: Patch, body: PosedBody, limb: str) -> LimbPlace:
 
     upper, upper_radial, upper_length = project(a, b)
     lower, lower_radial, lower_length = project(b, c)
-    beyond = np.clip((upper - 1 + lower) * 4 + 0.5, 0, 1)[:, None]  # soft change of axis at the joint
-    second = beyond[:, 0] > 0.5
-    along = np.where(second, 1 + np.maximum(lower, 0), np.minimum(upper, 1))
-    length = np.where(
-        second, upper_length + np.maximum(lower, 0) * lower_length, np.minimum(upper, 1) * upper_length
-    )
+    beyond = np.clip((upper - 1 + lower) * 4 + 0.5, 0, 1)[
+        :, None
+    ]  # soft change of axis at the joint
+    share = beyond[:, 0]
+    along = upper * (1 - share) + (1 + lower) * share
+    length = upper * upper_length * (1 - share) + (upper_length + lower * lower_length) * share
     return LimbPlace(member, along, length, upper_radial * (1 - beyond) + lower_radial * beyond)
 
 
@@ -78,3 +89,23 @@ def torso_axis(vertices: Floats, body: PosedBody) -> Floats:
     middle_z = np.interp(vertices[:, 1], spine[:, 1], spine[:, 2])
     # The spine runs behind the trunk's middle; half a hand forward is the middle.
     return np.stack([np.zeros(len(vertices)), vertices[:, 1], middle_z + 0.03], axis=1)
+
+
+def pattern_places(patch: Patch, body: PosedBody) -> Floats:
+    """What ``pattern_coordinates`` needs of each vertex, as (V,11) values that interpolate well."""
+    offset = patch.vertices - torso_axis(patch.vertices, body)
+    columns = [offset[:, 0], offset[:, 2], patch.vertices[:, 1]]
+    for limb in ("arm.L", "arm.R"):
+        arm = _limb_place(patch, body, limb)
+        columns += [arm.member, arm.length, arm.radial[:, 1], arm.radial[:, 2]]
+    return np.stack(columns, 1)
+
+
+def pattern_coordinates(places: Floats) -> Floats:
+    """Metres (N,2) round and along: the trunk by the spine, sleeves by the arm, a seam between."""
+    around = np.stack([np.arctan2(places[:, 0], places[:, 1]) * _TRUNK_RADIUS, places[:, 2]], 1)
+    for first in (3, 7):
+        member, length, up, ahead = places[:, first : first + 4].T
+        sleeve = np.stack([np.arctan2(up, ahead) * _SLEEVE_RADIUS, -length], 1)
+        around = np.where((member > 0.6)[:, None], sleeve, around)
+    return around

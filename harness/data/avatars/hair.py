@@ -6,12 +6,14 @@ import numpy as np
 
 from harness.core.hashing import derive_seed
 from harness.data.avatars.body import PosedBody, mask_image
-from harness.data.avatars.garments import Layer, finish, hem, push_out
+from harness.data.avatars.garments import finish, hem, push_out
+from harness.data.avatars.layer import Layer
 from harness.data.avatars.noise import folds, smooth_noise
 from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.surface import (
     Floats,
     Patch,
+    boundary_edges,
     clip,
     compact,
     smooth,
@@ -74,7 +76,7 @@ def _cap(body: PosedBody, seed: int, thickness: float, drop: float) -> tuple[Pat
     normals = smooth(vertex_normals(vertices, scalp.faces), scalp.faces, 12)
     rise = np.clip(field / 0.035, 0, 1) ** 0.5
     back = vertices - eye_centre(body)
-    strands = folds(np.stack([back[:, 0] * 95, back[:, 1] * 22, back[:, 2] * 28], 1), seed + 3)
+    strands = folds(np.stack([back[:, 0] * 80, back[:, 1] * 18, back[:, 2] * 70], 1), seed + 3)
     height = 0.003 + rise * (thickness + 0.005 * strands)
     return scalp.moved(vertices + normals * height[:, None]), field
 
@@ -86,30 +88,62 @@ def _curtain(body: PosedBody, seed: int, length: float) -> Patch:
     scale = _scale(body)
     eye = eye_centre(body)
     columns, rows = 96, 48
-    turn = np.linspace(-1.0, 1.0, columns) * np.radians(118)
+    turn = np.linspace(-1.0, 1.0, columns) * np.radians(108)
     fall = np.linspace(0, 1, rows)[:, None]
     start = 0.045 * scale
     y = eye[1] + start - fall * (start + length * scale)
     flare = 1 + 0.10 * np.sin(np.pi * np.minimum(fall * 1.4, 1)) + 0.12 * fall
     pleat = np.stack(
-        [np.tile(turn * 9, (rows, 1)), np.repeat(fall * 2.5, columns, 1), np.zeros((rows, columns))], -1
+        [
+            np.tile(turn * 9, (rows, 1)),
+            np.repeat(fall * 2.5, columns, 1),
+            np.zeros((rows, columns)),
+        ],
+        -1,
     )
     strands = folds(pleat.reshape(-1, 3), seed + 9).reshape(rows, columns)
     x = 0.092 * scale * np.sin(turn) * flare + 0.010 * strands * np.sin(turn)
-    z = eye[2] - 0.092 * scale - 0.105 * scale * np.cos(turn) * flare - 0.010 * strands * np.cos(turn)
+    z = (
+        eye[2]
+        - 0.092 * scale
+        - 0.105 * scale * np.cos(turn) * flare
+        - 0.010 * strands * np.cos(turn)
+    )
     vertices = np.stack([x, np.broadcast_to(y, x.shape), z], -1).reshape(-1, 3)
     index = np.arange(rows * columns).reshape(rows, columns)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], -1).reshape(-1, 4)
-    faces = quads[:, [[0, 2, 1], [0, 3, 2]]].reshape(-1, 3)
-    uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1).reshape(-1, 2)
+    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], -1).reshape(
+        -1, 4
+    )
+    faces = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1).reshape(
+        -1, 2
+    )
     head, chest = (body.bone_names.index(name) for name in ("head", "spine01"))
     share = np.clip((eye[1] - 0.10 * scale - vertices[:, 1]) / 0.12, 0, 0.85)
     weights = np.zeros((len(vertices), len(body.bone_names)))
     weights[:, head], weights[:, chest] = 1 - share, share
     skin, _ = body.groups["skin"]
-    vertices = push_out(vertices, body.rest, skin, 0.022)
-    vertices = smooth(vertices, faces, 2)
-    return Patch(vertices, faces, csr_matrix(weights), uv, faces)
+    for _ in range(2):
+        vertices = smooth(push_out(vertices, body.rest, skin, 0.026), faces, 6)
+    return _two_sided(Patch(vertices, faces, csr_matrix(weights), uv, faces), 0.012)
+
+
+def _two_sided(sheet: Patch, thickness: float) -> Patch:
+    """A closed slab: the sheet, its reverse ``thickness`` metres behind it, and the rim."""
+    from scipy.sparse import vstack
+
+    normals = vertex_normals(sheet.vertices, sheet.faces)
+    count = len(sheet.vertices)
+    a, b = boundary_edges(sheet.faces).T
+    rim = np.concatenate([np.stack([b, a, a + count], 1), np.stack([b, a + count, b + count], 1)])
+    faces = np.concatenate([sheet.faces, sheet.faces[:, ::-1] + count, rim])
+    return Patch(
+        np.concatenate([sheet.vertices, sheet.vertices - thickness * normals]),
+        faces,
+        vstack([sheet.weights, sheet.weights]).tocsr(),
+        sheet.uv,
+        faces % count,
+    )
 
 
 def _knot(body: PosedBody, seed: int) -> Patch:
@@ -127,9 +161,13 @@ def _knot(body: PosedBody, seed: int) -> Patch:
     radius = (0.036 + 0.006 * folds(twist, seed + 4)) * scale
     centre = eye_centre(body) + np.array([0, 0.055, -0.185]) * scale
     index = np.arange(rows * columns).reshape(rows, columns)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], -1).reshape(-1, 4)
+    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], -1).reshape(
+        -1, 4
+    )
     faces = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-    uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1).reshape(-1, 2)
+    uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1).reshape(
+        -1, 2
+    )
     weights = np.zeros((len(ball), len(body.bone_names)))
     weights[:, body.bone_names.index("head")] = 1
     return Patch(centre + ball * radius[:, None], faces, csr_matrix(weights), uv, faces)
@@ -164,7 +202,7 @@ def grow_hair(recipe: AvatarRecipe, body: PosedBody) -> Layer:
     normals = smooth(vertex_normals(cap.vertices, cap.faces), cap.faces, 4)
     cap = hem(cap, normals, np.full(len(cap.vertices), 0.004))
     if cut in ("bob", "long"):
-        sheet = _curtain(body, seed, 0.13 if cut == "bob" else 0.27)
+        sheet = _curtain(body, seed, 0.13 if cut == "bob" else 0.24)
         cap = _joined(cap, sheet, 0.5)
     elif cut == "bun":
         cap = _joined(cap, _knot(body, seed), 0.6)

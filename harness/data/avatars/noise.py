@@ -12,7 +12,7 @@ _LATTICE = 24
 
 
 def smooth_noise(points: Floats, seed: int) -> Floats:
-    """Values (N,) of about -1 to 1 at points (N,3), one bump per unit length, repeating after 24."""
+    """Values (N,), about -1 to 1, at points (N,3): one bump per unit length, period 24."""
     from scipy.ndimage import map_coordinates
 
     lattice = np.random.default_rng(seed).uniform(-1, 1, (_LATTICE,) * 3)

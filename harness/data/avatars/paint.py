@@ -9,11 +9,12 @@ import numpy as np
 
 from harness.core.hashing import derive_seed
 from harness.data.avatars.body import PosedBody, mask_image
-from harness.data.avatars.hair import HEAD_UV, eye_centre
+from harness.data.avatars.hair import HEAD_UV
 from harness.data.avatars.noise import folds, smooth_noise
-from harness.data.avatars.recipe import AvatarRecipe, Fabric
+from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.surface import Floats
 from harness.data.avatars.texture import Texels
+from harness.data.avatars.wardrobe import Fabric
 
 __all__ = ["fabric_colour", "painters"]
 
@@ -27,9 +28,10 @@ def _band(values: Floats, half_width: float, soft: float) -> Floats:
     return np.clip((half_width - np.abs(values)) / soft + 0.5, 0, 1)
 
 
-def _pattern(fabric: Fabric, rest: Floats, chest: Floats, seed: int) -> Floats:
+def _pattern(fabric: Fabric, texels: Texels, chest: Floats, seed: int) -> Floats:
     """Share (N,) of the second colour."""
-    x, y, z = rest.T
+    rest = texels.rest
+    x, y = texels.pattern.T
     if fabric.pattern == "stripes":
         return _band((y * 100 / 4.5) % 1 - 0.5, 0.22, 0.04)
     if fabric.pattern == "checks":
@@ -42,7 +44,7 @@ def _pattern(fabric: Fabric, rest: Floats, chest: Floats, seed: int) -> Floats:
         return _band(np.linalg.norm(cell % 1 - 0.5, axis=1), 0.24, 0.05)
     if fabric.pattern == "print":
         local = (rest - chest)[:, :2]
-        front = (z > chest[2]).astype(float)
+        front = (rest[:, 2] > chest[2]).astype(float)
         ring = _band(np.linalg.norm(local, axis=1) - 0.075, 0.014, 0.004)
         bar = _band(local[:, 1] - 0.25 * np.sin(local[:, 0] * 30) * 0.1, 0.018, 0.004)
         return front * np.maximum(ring, bar * (np.abs(local[:, 0]) < 0.12))
@@ -50,14 +52,15 @@ def _pattern(fabric: Fabric, rest: Floats, chest: Floats, seed: int) -> Floats:
         worn = folds(rest * [6, 2, 6], seed + 5)
         weave = np.sin((x + y) * 2 * np.pi / 0.004)
         return np.clip(0.35 * worn - 0.1 + 0.06 * weave, 0, 1)
-    return np.zeros(len(rest))
+    return np.zeros(len(x))
 
 
-def fabric_colour(fabric: Fabric, rest: Floats, chest: Floats, seed: int) -> Floats:
-    """Colours (N,3) of a fabric at rest positions (N,3); ``chest`` (3,) is where a print is centred."""
+def fabric_colour(fabric: Fabric, texels: Texels, chest: Floats, seed: int) -> Floats:
+    """Colours (N,3) of a fabric under texels; ``chest`` (3,) is a print's centre."""
+    rest = texels.rest
     base = np.tile(np.asarray(fabric.colour, float), (len(rest), 1))
-    base = _mix(base, fabric.second, _pattern(fabric, rest, chest, seed))
-    weave = 1 + 0.05 * smooth_noise(rest * 160, seed) + 0.05 * smooth_noise(rest * 12, seed + 1)
+    base = _mix(base, fabric.second, _pattern(fabric, texels, chest, seed))
+    weave = 1 + 0.03 * smooth_noise(rest * 250, seed) + 0.04 * smooth_noise(rest * 12, seed + 1)
     return base * weave[:, None]
 
 
@@ -95,10 +98,11 @@ def _head(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:
     lids = _sample(mask_image("eyelids"), uv)
     colour = _mix(colour, skin * 0.45, np.clip(lids, 0, 1) * 0.45)
     arch = 0.024 + 0.006 * np.exp(-(((side - abs(eye[0]) - 0.008) / 0.016) ** 2))
-    brow = _band(local[:, 1] - arch, 0.0035, 0.003) * _band(side - abs(eye[0]), 0.021, 0.008) * front
+    brow = (
+        _band(local[:, 1] - arch, 0.0035, 0.003) * _band(side - abs(eye[0]), 0.021, 0.008) * front
+    )
     hair = np.asarray(recipe.hair.colour, float) * 0.8
-    colour = _mix(colour, hair, 0.85 * brow)
-    return colour
+    return _mix(colour, hair, 0.85 * brow)
 
 
 def _skin(recipe: AvatarRecipe, texels: Texels) -> Floats:
@@ -119,8 +123,8 @@ def _eyes(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:
 
 def _hair(recipe: AvatarRecipe, texels: Texels) -> Floats:
     seed = derive_seed(recipe.seed, "hair") % 2**31
-    strands = folds(texels.rest * [220, 30, 60], seed)
-    broad = smooth_noise(texels.rest * [60, 9, 20], seed + 2)
+    strands = folds(texels.rest * [200, 14, 200], seed)
+    broad = smooth_noise(texels.rest * [50, 8, 50], seed + 2)
     base = np.asarray(recipe.hair.colour, float)
     return base * (0.72 + 0.45 * strands + 0.12 * broad)[:, None]
 
@@ -130,12 +134,14 @@ def _shoes(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:
     ankle = body.joint_rest("foot.L")
     ground = texels.rest[:, 1].min()
     base = np.tile(np.asarray(recipe.shoes.colour, float), (len(texels.rest), 1))
-    base *= (1 + 0.05 * smooth_noise(texels.rest * 120, seed))[:, None]
+    base *= (1 + 0.02 * smooth_noise(texels.rest * 120, seed))[:, None]
     across = np.abs(np.abs(texels.rest[:, 0]) - ankle[0])
     laces = _band((texels.rest[:, 2] * 100 / 1.6) % 1 - 0.5, 0.2, 0.1) * (across < 0.022)
     laces *= (texels.rest[:, 2] > ankle[2] + 0.045) & (texels.rest[:, 2] < ankle[2] + 0.12)
     base = _mix(base, (225, 225, 222) if sum(recipe.shoes.colour) < 450 else (90, 90, 96), laces)
-    return _mix(base, recipe.shoes.sole, (texels.rest[:, 1] < ground + 0.028).astype(float))
+    return _mix(
+        base, recipe.shoes.sole, np.clip((ground + 0.024 - texels.rest[:, 1]) / 0.001, 0, 1)
+    )
 
 
 def painters(recipe: AvatarRecipe, body: PosedBody) -> dict[str, Callable[[Texels], Floats]]:
@@ -144,7 +150,7 @@ def painters(recipe: AvatarRecipe, body: PosedBody) -> dict[str, Callable[[Texel
     seed = derive_seed(recipe.seed, "fabric") % 2**31
 
     def cloth(fabric: Fabric) -> Callable[[Texels], Floats]:
-        return lambda texels: fabric_colour(fabric, texels.rest, chest, seed)
+        return lambda texels: fabric_colour(fabric, texels, chest, seed)
 
     return {
         "head": partial(_head, recipe, body),

@@ -36,7 +36,8 @@ Ints = NDArray[np.int64]
 @dataclass(frozen=True)
 class Patch:
     """A surface in the rest pose: vertices (V,3) m, faces (F,3), the bone weights of its vertices
-    (V,B, sparse), and texture corners uv (T,2) in [0,1] with their own faces (F,3)."""
+    (V,B, sparse), and texture corners uv (T,2) in [0,1] with their own faces (F,3).
+    """
 
     vertices: Floats
     faces: Ints
@@ -126,7 +127,8 @@ def _split_matrix(vertex_count: int, faces: Ints, rounded: bool) -> tuple[Ints, 
 
 def subdivide(patch: Patch, times: int = 1) -> Patch:
     """Each triangle in four, ``times`` over, positions by Loop's rule (C. Loop, 1987), texture
-    corners and bone weights linearly."""
+    corners and bone weights linearly.
+    """
     for _ in range(times):
         faces, rounded = _split_matrix(len(patch.vertices), patch.faces, rounded=True)
         uv_faces, middle = _split_matrix(len(patch.uv), patch.uv_faces, rounded=False)
@@ -154,7 +156,7 @@ def compact(patch: Patch, keep: NDArray[np.bool_]) -> Patch:
 
 
 def _clip_side(faces: Ints, inside: NDArray[np.bool_], cut: dict[tuple[int, int], int]) -> Ints:
-    """Triangles on the inside; ``cut`` gives the new corner of each crossed (inside, outside) edge."""
+    """Triangles on the inside; ``cut``: the new corner of a crossed (inside, outside) edge."""
     out: list[tuple[int, int, int]] = []
     for face in faces.tolist():
         kept = [bool(inside[v]) for v in face]

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.data.avatars.anatomy import pattern_coordinates
+from harness.data.avatars.layer import Layer
 from harness.data.avatars.surface import Floats, Ints
 
 __all__ = ["CELLS", "Texels", "cell_uv", "paint_atlas", "texels_of"]
@@ -27,12 +29,14 @@ _MARGIN = 0.004
 
 @dataclass(frozen=True)
 class Texels:
-    """What is under a layer's texels: image rows and columns (N,), rest positions (N,3) in metres,
-    texture coordinates (N,2) in the layer's own square."""
+    """What is under a layer's texels: image rows and columns (N,), rest positions (N,3) and
+    pattern places (N,2) in metres, texture coordinates (N,2) in the layer's own square.
+    """
 
     rows: Ints
     columns: Ints
     rest: Floats
+    pattern: Floats
     uv: Floats
 
 
@@ -42,19 +46,19 @@ def cell_uv(name: str, uv: Floats) -> Floats:
     return np.array([left, bottom]) + side * (_MARGIN + (1 - 2 * _MARGIN) * uv)
 
 
-def texels_of(name: str, layer_uv: Floats, uv_faces: Ints, corners_rest: Floats, size: int) -> Texels:
+def texels_of(layer: Layer, size: int) -> Texels:
     """The texels that a layer's triangles cover in a texture of ``size`` pixels.
 
-    corners_rest (F,3,3): rest positions of the triangles' corners. Texels are found by casting a
-    ray through each onto the flattened triangles, which is exact at triangle borders.
+    Texels are found by casting a ray through each onto the flattened triangles, which is exact at
+    triangle borders.
     """
     import open3d as o3d
 
-    left, bottom, side = CELLS[name]
-    uv = cell_uv(name, layer_uv)
+    left, bottom, side = CELLS[layer.name]
+    uv = cell_uv(layer.name, layer.uv)
     flat = np.concatenate([uv, np.zeros((len(uv), 1))], 1)
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(flat.astype(np.float32), uv_faces.astype(np.uint32))
+    scene.add_triangles(flat.astype(np.float32), layer.uv_faces.astype(np.uint32))
     columns = np.arange(round(left * size), round((left + side) * size))
     rows = np.arange(round((1 - bottom - side) * size), round((1 - bottom) * size))
     grid_columns, grid_rows = (a.ravel() for a in np.meshgrid(columns, rows))
@@ -70,15 +74,18 @@ def texels_of(name: str, layer_uv: Floats, uv_faces: Ints, corners_rest: Floats,
     return Texels(
         rows=grid_rows[hit],
         columns=grid_columns[hit],
-        rest=np.einsum("nk,nkd->nd", shares, corners_rest[face]),
-        uv=np.einsum("nk,nkd->nd", shares, layer_uv[uv_faces[face]]),
+        rest=np.einsum("nk,nkd->nd", shares, layer.rest[layer.faces[face]]),
+        pattern=pattern_coordinates(
+            np.einsum("nk,nkd->nd", shares, layer.places[layer.faces[face]])
+        ),
+        uv=np.einsum("nk,nkd->nd", shares, layer.uv[layer.uv_faces[face]]),
     )
 
 
 def paint_atlas(
     texels: Mapping[str, Texels], painters: Mapping[str, Callable[[Texels], Floats]], size: int
 ) -> np.ndarray:
-    """The texture (size,size,3) 8-bit sRGB; empty texels take the colour of the nearest painted one.
+    """The texture (size,size,3), 8-bit sRGB; an empty texel has the nearest painted one's colour.
 
     Without that, filtering at an island's border would mix in the background.
     """

@@ -36,7 +36,8 @@ map_Kd material0.jpeg
 @dataclass(frozen=True)
 class TexturedMesh:
     """vertices (V,3) m, faces (F,3), uv (T,2), uv_faces (F,3), face_labels (F,) indices of
-    label_names, texture (H,W,3) 8-bit sRGB with row 0 at v = 1."""
+    label_names, texture (H,W,3) 8-bit sRGB with row 0 at v = 1.
+    """
 
     vertices: Floats
     faces: Ints
@@ -53,13 +54,12 @@ def _obj_text(mesh: TexturedMesh) -> str:
     lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uv.tolist()]
     lines.append("usemtl material0")
     pairs = np.stack([mesh.faces, mesh.uv_faces], -1).reshape(-1, 6) + 1
-    lines += ["f %d/%d %d/%d %d/%d" % tuple(row) for row in pairs.tolist()]
+    lines += [f"f {a}/{p} {b}/{q} {c}/{r}" for a, p, b, q, c, r in pairs.tolist()]
     return "\n".join(lines) + "\n"
 
 
 def _save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """An .npz whose bytes depend on the arrays alone (numpy.savez would not fix the zip's times,
-    but writes 1980 for in-memory entries since 1.18, which is what is relied on)."""
+    # The zip entries that numpy writes carry a fixed date, so equal arrays give equal bytes.
     np.savez(path, **arrays)
 
 
