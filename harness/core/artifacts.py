@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,7 @@ class Capture:
     directory: Path
     cameras: tuple[Camera, ...]
     warnings: tuple[str, ...] = ()
-    provenance: Mapping[str, object] = field(default_factory=dict)
+    provenance: Mapping[str, object] = field(default_factory=dict[str, object])
 
     def image_path(self, view: int) -> Path:
         """The PNG of a view: 8-bit sRGB colour, alpha is coverage."""
@@ -144,11 +145,13 @@ class Capture:
                 recipe=str(document["recipe"]),
                 key=str(document["key"]),
                 directory=directory,
-                cameras=tuple(Camera.from_dict(entry) for entry in document["cameras"]),  # type: ignore[attr-defined]
-                warnings=tuple(document["warnings"]),  # type: ignore[arg-type]
-                provenance=dict(document["provenance"]),  # type: ignore[call-overload]
+                cameras=tuple(Camera.from_dict(entry) for entry in document["cameras"]),
+                warnings=tuple(document["warnings"]),
+                provenance=dict(document["provenance"]),
             )
-        except (KeyError, TypeError) as error:
+        except DataError as error:
+            raise error.located(path) from error
+        except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"{path} is incomplete", got=repr(error)) from error
         for view in range(len(capture.cameras)):
             if not capture.image_path(view).is_file():
@@ -193,7 +196,7 @@ class Body:
     vertices: Floats
     joints: Floats
     faces: NDArray[np.int32]
-    parameters: Mapping[str, NDArray]
+    parameters: Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,4 +211,4 @@ class Reconstruction:
 
     mesh: Mesh
     body: Body | None = None
-    details: Mapping[str, object] = field(default_factory=dict)
+    details: Mapping[str, object] = field(default_factory=dict[str, object])

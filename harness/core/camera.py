@@ -6,7 +6,9 @@ of width w spans x from 0 to w; this is the one place where that half pixel is d
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +42,7 @@ class Camera:
 
     Raises:
         DataError: wrong shapes, non-finite numbers, a focal length or size that is not positive,
-            or a rotation that is not one.
+            skew, or a rotation that is not one.
     """
 
     K: Floats
@@ -66,11 +68,12 @@ class Camera:
         rotation = self.world_to_camera[:3, :3]
         if self.width < 1 or self.height < 1:
             raise DataError("camera has no pixels", got=f"{self.width} x {self.height}")
-        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0 or not np.array_equal(self.K[2], (0, 0, 1)):
+        fx, skew, _, shear, fy, _, *last = self.K.ravel()
+        if fx <= 0 or fy <= 0 or skew or shear or last != [0, 0, 1]:
             raise DataError(
                 "camera K is not an intrinsic matrix",
-                expected="positive focal lengths and last row (0, 0, 1)",
-                got=np.array2string(self.K),
+                expected="(fx, 0, cx), (0, fy, cy), (0, 0, 1) with positive focal lengths",
+                got=str(self.K.tolist()),
             )
         orthogonal = np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_TOLERANCE)
         if not orthogonal or np.linalg.det(rotation) < 0:
@@ -78,7 +81,7 @@ class Camera:
                 "camera world_to_camera is not rigid",
                 expected="a right-handed rotation",
                 got=f"determinant {np.linalg.det(rotation):.4f}",
-                hint="A scaled or mirrored extrinsic comes from another convention: convert it first",
+                hint="A scaled or mirrored pose comes from another convention: convert it first",
             )
 
     @property
@@ -119,7 +122,7 @@ class Camera:
         return (normalised @ self.K.T)[:, :2], depth
 
     def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Floats:
-        """World points (N, 3) seen at pixels (N, 2) with depth (N,) metres along the optical axis."""
+        """World points (N, 3) at pixels (N, 2) and depths (N,) in metres along the optical axis."""
         in_camera = self._rays_camera(pixels) * np.asarray(depth, dtype=np.float64)[:, None]
         return (in_camera - self.world_to_camera[:3, 3]) @ self.rotation
 
@@ -154,7 +157,7 @@ class Camera:
         return replace(self, world_to_camera=turn @ self.world_to_camera)
 
     def in_frame(self, world_to_other: Floats) -> Camera:
-        """The same camera described in another world frame, given a (4, 4) rigid transform to it."""
+        """The same camera described in another world frame, by a (4, 4) rigid transform to it."""
         return replace(self, world_to_camera=self.world_to_camera @ rigid_inverse(world_to_other))
 
     def to_dict(self) -> dict[str, object]:
@@ -167,18 +170,22 @@ class Camera:
         }
 
     @classmethod
-    def from_dict(cls, value: dict[str, object]) -> Camera:
-        """The camera that ``to_dict`` wrote."""
+    def from_dict(cls, value: Mapping[str, Any]) -> Camera:
+        """The camera that ``to_dict`` wrote.
+
+        Raises:
+            DataError: not such a mapping, or not a camera.
+        """
         try:
             return cls(
                 K=np.array(value["K"], dtype=np.float64),
                 world_to_camera=np.array(value["world_to_camera"], dtype=np.float64),
-                width=int(value["width"]),  # type: ignore[call-overload]
-                height=int(value["height"]),  # type: ignore[call-overload]
+                width=int(value["width"]),
+                height=int(value["height"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(
-                "not a camera", expected="K, world_to_camera, width, height", got=str(error)
+                "not a camera", expected="K, world_to_camera, width, height", got=repr(error)
             ) from error
 
 

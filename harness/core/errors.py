@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Self
 
 __all__ = [
     "DataError",
@@ -29,6 +30,8 @@ __all__ = [
     "ProtocolMismatch",
     "did_you_mean",
 ]
+
+_NAMES_SHOWN = 20
 
 
 class HarnessError(Exception):
@@ -52,6 +55,12 @@ class HarnessError(Exception):
         )
         text = f"{self.what} ({contrast})" if contrast else self.what
         return f"{text}. {self.hint}" if self.hint else text
+
+    def located(self, where: object) -> Self:
+        """The same error, with the file or place where it was met in front."""
+        return type(self)(
+            f"{where}: {self.what}", expected=self.expected, got=self.got, hint=self.hint
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (type(self), self.what, self.expected, self.got, self.hint))
@@ -93,5 +102,5 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if close:
         return f"Did you mean '{close[0]}'?"
-    shown = ", ".join(names[:20]) or "none"
-    return f"Known: {shown}{f' and {len(names) - 20} more' if len(names) > 20 else ''}"
+    shown, more = names[:_NAMES_SHOWN], len(names) - _NAMES_SHOWN
+    return f"Known: {', '.join(shown) or 'none'}{f' and {more} more' if more > 0 else ''}"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from pathlib import Path
+from typing import Any, cast
 
 from harness.core.errors import DataError
 
@@ -21,6 +23,81 @@ __all__ = [
     "write_json",
     "write_text",
 ]
+
+#: Only writing runs into these; the kernel does not say for which file.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+
+
+@contextlib.contextmanager
+def atomic_path(path: Path) -> Generator[Path]:
+    """A temporary path beside ``path`` that becomes ``path`` when the block ends well.
+
+    The file is synced and renamed; when the block raises, nothing is left behind.
+
+    Raises:
+        DataError: a full disk or a missing right; names ``path``. Whatever else goes wrong in the
+            block, such as an input that cannot be read, is raised as it is.
+    """
+    temporary = _temporary_sibling(path)
+    try:
+        with _explained(path, temporary):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            _sync(temporary)
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def atomic_directory(path: Path) -> Generator[Path]:
+    """A temporary folder that replaces ``path`` as a whole when the block ends well.
+
+    Raises:
+        DataError: as ``atomic_path``.
+    """
+    temporary = _temporary_sibling(path)
+    try:
+        with _explained(path, temporary):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.mkdir()
+            yield temporary
+            for file in temporary.rglob("*"):
+                if file.is_file():
+                    _sync(file)
+            _put_in_place(temporary, path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _put_in_place(temporary: Path, path: Path) -> None:
+    """Rename a folder to ``path``; what stood there is removed last, or put back."""
+    retired = _temporary_sibling(path)
+    if path.exists():
+        path.rename(retired)
+    try:
+        temporary.rename(path)
+    except OSError:
+        if retired.exists():
+            retired.rename(path)
+        raise
+    shutil.rmtree(retired, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _explained(path: Path, temporary: Path) -> Generator[None]:
+    """Turn an ``OSError`` about writing ``path`` into a ``DataError``; let others pass."""
+    try:
+        yield
+    except OSError as error:
+        file = Path(error.filename) if isinstance(error.filename, str) else None
+        ours = file is not None and (file.is_relative_to(temporary) or path.is_relative_to(file))
+        if not ours and error.errno not in _NO_ROOM:
+            raise
+        raise DataError(
+            f"could not write {path}: {error.strerror or error}",
+            hint="Nothing half-written was left: free space or fix the rights, and run again",
+        ) from error
 
 
 def _temporary_sibling(path: Path) -> Path:
@@ -36,55 +113,6 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-@contextlib.contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that becomes ``path`` when the block ends well.
-
-    The file is synced and renamed; when the block raises, nothing is left behind. A full disk or
-    a missing right is a ``DataError`` that names the file.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = _temporary_sibling(path)
-    try:
-        yield temporary
-        _sync(temporary)
-        temporary.replace(path)
-    except OSError as error:
-        raise DataError(
-            f"could not write {path}: {error.strerror or error}",
-            hint="Nothing half-written was left; free space or fix the folder's rights and run again",
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def atomic_directory(path: Path) -> Iterator[Path]:
-    """A temporary folder that replaces ``path`` as a whole when the block ends well."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = _temporary_sibling(path)
-    temporary.mkdir()
-    try:
-        yield temporary
-        for file in temporary.rglob("*"):
-            if file.is_file():
-                _sync(file)
-        if path.exists():
-            retired = _temporary_sibling(path)
-            path.rename(retired)
-            temporary.rename(path)
-            shutil.rmtree(retired)
-        else:
-            temporary.rename(path)
-    except OSError as error:
-        raise DataError(
-            f"could not write {path}: {error.strerror or error}",
-            hint="Nothing half-written was left; free space or fix the folder's rights and run again",
-        ) from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text atomically."""
     with atomic_path(path) as temporary:
@@ -96,26 +124,30 @@ def write_json(path: Path, value: Mapping[str, object]) -> None:
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: Path) -> dict[str, object]:
+def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file.
 
     Raises:
         DataError: no such file, not JSON (with line and column), or not an object.
     """
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value: object = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise DataError(f"no file at {path}") from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise DataError(f"could not read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is not valid JSON: {error}") from error
     if not isinstance(value, dict):
-        raise DataError(f"{path}", expected="a JSON object", got=type(value).__name__)
-    return value
+        raise DataError(
+            f"{path} is not a JSON object", expected="{ ... }", got=type(value).__name__
+        )
+    return cast(dict[str, Any], value)
 
 
 @contextlib.contextmanager
-def exclusive_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path``; waits while another process holds it.
+def exclusive_lock(path: Path) -> Generator[None]:
+    """Hold the lock file ``path``; waits while another process or thread holds it.
 
     The kernel releases it when its holder dies, however it dies, so no stale lock can remain.
     """

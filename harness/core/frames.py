@@ -7,9 +7,11 @@ Blender's +X, is our frontal view.
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +42,9 @@ BLENDER_TO_WORLD: Floats = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0],
 OPENCV_TO_BLENDER_CAMERA: Floats = np.diag([1.0, -1.0, -1.0, 1.0])
 #: From axes x left, y up, z forward (PyTorch3D's) to OpenCV's.
 _LEFT_UP_FORWARD_TO_OPENCV: Floats = np.diag([-1.0, -1.0, 1.0, 1.0])
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+#: Camera models that are a pinhole once their distortion is zero.
+_NERFSTUDIO_PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 
 
 def rotation_from_quaternion(wxyz: ArrayLike) -> Floats:
@@ -77,7 +82,7 @@ def quaternion_from_rotation(rotation: Floats) -> Floats:
 
 
 def camera_to_blender(camera: Camera) -> Floats:
-    """(4, 4) Blender ``matrix_world`` of a camera object: Blender axes to Blender's world, metres."""
+    """(4, 4) Blender ``matrix_world`` of a camera object: its own axes to Blender's world."""
     return rigid_inverse(BLENDER_TO_WORLD) @ camera.camera_to_world @ OPENCV_TO_BLENDER_CAMERA
 
 
@@ -100,7 +105,10 @@ def read_published_cameras(path: Path) -> tuple[Camera, ...]:
     """
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))
-        parsed = [_published_entry(entry) for entry in entries]
+        with _located(path):
+            parsed = [_published_entry(entry) for entry in entries]
+        if not parsed:
+            raise ValueError("no cameras")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(
             f"{path} is not a published camera file",
@@ -109,16 +117,12 @@ def read_published_cameras(path: Path) -> tuple[Camera, ...]:
         ) from error
     centre = np.mean([pose[:3, 3] for pose, *_ in parsed], axis=0)
     for axes_to_opencv in (OPENCV_TO_BLENDER_CAMERA, _LEFT_UP_FORWARD_TO_OPENCV):
-        cameras = tuple(
-            Camera(
-                K=np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]),
-                # Both changes of axes are their own inverse.
-                world_to_camera=rigid_inverse(BLENDER_TO_WORLD @ pose @ axes_to_opencv),
-                width=width,
-                height=height,
+        # Both changes of axes are their own inverse.
+        with _located(path):
+            cameras = tuple(
+                Camera(K, rigid_inverse(BLENDER_TO_WORLD @ pose @ axes_to_opencv), width, height)
+                for pose, K, width, height in parsed
             )
-            for pose, focal, width, height in parsed
-        )
         centre_world = BLENDER_TO_WORLD[:3, :3] @ centre
         if all((centre_world - camera.position) @ camera.forward > 0 for camera in cameras):
             return cameras
@@ -129,12 +133,26 @@ def read_published_cameras(path: Path) -> tuple[Camera, ...]:
     )
 
 
-def _published_entry(entry: dict[str, object]) -> tuple[Floats, float, int, int]:
+def _published_entry(entry: Mapping[str, Any]) -> tuple[Floats, Floats, int, int]:
     pose = np.eye(4)
-    pose[:3, :3] = rotation_from_quaternion(entry["quaternion"])  # type: ignore[arg-type]
+    pose[:3, :3] = rotation_from_quaternion(entry["quaternion"])
     pose[:3, 3] = entry["location"]
-    height, width = (int(side) for side in entry["image_size"])  # type: ignore[attr-defined]
-    return pose, float(entry["focal_length_px"]), width, height  # type: ignore[arg-type]
+    height, width = (int(side) for side in entry["image_size"])
+    focal = float(entry["focal_length_px"])
+    return pose, _intrinsics(focal, focal, width / 2, height / 2), width, height
+
+
+def _intrinsics(fx: float, fy: float, cx: float, cy: float) -> Floats:
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+@contextlib.contextmanager
+def _located(path: Path) -> Generator[None]:
+    """Say in which file a camera was found wanting."""
+    try:
+        yield
+    except DataError as error:
+        raise error.located(path) from error
 
 
 def write_transforms_json(path: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
@@ -158,97 +176,120 @@ def write_transforms_json(path: Path, cameras: Sequence[Camera], images: Sequenc
 def read_transforms_json(path: Path) -> tuple[tuple[Camera, ...], tuple[str, ...]]:
     """Cameras and image names of a nerfstudio ``transforms.json``.
 
-    Intrinsics may stand once for all frames or in each. Distortion is refused, not dropped.
+    Intrinsics may stand once for all frames or in each.
+
+    Raises:
+        DataError: not such a file, or cameras with lens distortion, which is refused, not dropped.
     """
     document = read_json(path)
-    cameras, images = [], []
+    cameras: list[Camera] = []
+    images: list[str] = []
     try:
-        for frame in document["frames"]:  # type: ignore[attr-defined]
-            values = {**document, **frame}
-            bent = [key for key in ("k1", "k2", "k3", "k4", "p1", "p2") if values.get(key)]
-            if bent:
-                raise DataError(
-                    f"{path} has lens distortion ({', '.join(bent)})",
-                    hint="Undistort the images first; a pinhole camera cannot carry it",
-                )
-            K = np.array(
-                [
-                    [values["fl_x"], 0, values["cx"]],
-                    [0, values.get("fl_y", values["fl_x"]), values["cy"]],
-                    [0, 0, 1],
-                ]
-            )
-            matrix = np.array(frame["transform_matrix"], dtype=np.float64)
-            cameras.append(camera_from_blender(matrix, K, int(values["w"]), int(values["h"])))
+        for frame in document["frames"]:
+            with _located(path):
+                cameras.append(_nerfstudio_camera({**document, **frame}))
             images.append(str(frame["file_path"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError) as error:
         raise DataError(
-            f"{path} is not a nerfstudio transforms.json", got=f"{type(error).__name__}: {error}"
+            f"{path} is not a nerfstudio transforms.json",
+            expected="frames with transform_matrix, file_path, fl_x, cx, cy, w, h",
+            got=f"{type(error).__name__}: {error}",
         ) from error
     return tuple(cameras), tuple(images)
 
 
-def write_colmap(directory: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
-    """Write COLMAP's ``cameras.txt``, ``images.txt`` and an empty ``points3D.txt``; world unchanged."""
-    camera_lines, image_lines = [], []
-    for index, (camera, image) in enumerate(zip(cameras, images, strict=True), start=1):
-        fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
-        camera_lines.append(
-            f"{index} PINHOLE {camera.width} {camera.height} {fx!r} {fy!r} {cx!r} {cy!r}"
+def _nerfstudio_camera(values: Mapping[str, Any]) -> Camera:
+    model = values.get("camera_model", "OPENCV")
+    bent = [key for key in _DISTORTION if values.get(key)]
+    if bent or model not in _NERFSTUDIO_PINHOLES:
+        raise DataError(
+            f"a camera of model {model} with lens distortion",
+            expected="a pinhole camera",
+            got=", ".join(bent) or model,
+            hint="Undistort the images first; a pinhole camera cannot carry it",
         )
-        pose = [*quaternion_from_rotation(camera.rotation), *camera.world_to_camera[:3, 3]]
-        image_lines += [f"{index} {' '.join(repr(float(x)) for x in pose)} {index} {image}", ""]
+    fx = float(values["fl_x"])
+    K = _intrinsics(fx, values.get("fl_y", fx), values["cx"], values["cy"])
+    matrix = np.array(values["transform_matrix"], dtype=np.float64)
+    return camera_from_blender(matrix, K, int(values["w"]), int(values["h"]))
+
+
+def write_colmap(directory: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
+    """Write COLMAP's text model, world unchanged: cameras, images, and no points."""
+    camera_lines: list[str] = []
+    image_lines: list[str] = []
+    for index, (camera, image) in enumerate(zip(cameras, images, strict=True), start=1):
+        K = camera.K
+        camera_lines.append(
+            f"{index} PINHOLE {camera.width} {camera.height} "
+            + _words(K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        )
+        pose = _words(*quaternion_from_rotation(camera.rotation), *camera.world_to_camera[:3, 3])
+        # The line after each image holds its 2-D points.
+        image_lines += [f"{index} {pose} {index} {image}", ""]
     write_text(directory / "cameras.txt", "\n".join(camera_lines) + "\n")
     write_text(directory / "images.txt", "\n".join(image_lines) + "\n")
     write_text(directory / "points3D.txt", "")
 
 
+def _words(*numbers: float) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
 def read_colmap(directory: Path) -> tuple[tuple[Camera, ...], tuple[str, ...]]:
-    """Cameras and image names of a COLMAP text model, in order of image id; world unchanged."""
+    """Cameras and image names of a COLMAP text model, in order of image id; world unchanged.
+
+    Raises:
+        DataError: not such a model, or cameras with lens distortion.
+    """
     try:
-        intrinsics = {}
-        for line in _colmap_lines(directory / "cameras.txt"):
-            identifier, model, width, height, *parameters = line.split()
-            K = _colmap_K(model, parameters, directory)
-            intrinsics[identifier] = (K, int(width), int(height))
-        found = []
-        # Every second line holds the image's 2-D points, and may be empty.
-        for line in _colmap_lines(directory / "images.txt", keep_empty=True)[::2]:
-            image_id, *pose, camera_id, name = line.split(maxsplit=9)
-            numbers = np.array(pose, dtype=np.float64)
-            extrinsic = np.eye(4)
-            extrinsic[:3, :3] = rotation_from_quaternion(numbers[:4])
-            extrinsic[:3, 3] = numbers[4:]
-            K, width, height = intrinsics[camera_id]
-            found.append((int(image_id), Camera(K, extrinsic, width, height), name))
-    except (OSError, ValueError, KeyError) as error:
+        intrinsics = dict(_colmap_intrinsics(directory / "cameras.txt"))
+        found = sorted(_colmap_images(directory / "images.txt", intrinsics), key=lambda it: it[0])
+    except (OSError, ValueError, KeyError, IndexError) as error:
         raise DataError(
             f"{directory} is not a COLMAP text model",
             expected="cameras.txt and images.txt",
             got=f"{type(error).__name__}: {error}",
         ) from error
-    found.sort(key=lambda entry: entry[0])
     return tuple(camera for _, camera, _ in found), tuple(name for *_, name in found)
 
 
-def _colmap_lines(path: Path, *, keep_empty: bool = False) -> list[str]:
-    lines = [
-        line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")
-    ]
-    return lines if keep_empty else [line for line in lines if line.strip()]
+def _colmap_lines(path: Path) -> Iterator[str]:
+    text = path.read_text(encoding="utf-8")
+    return (line for line in text.splitlines() if not line.startswith("#"))
 
 
-def _colmap_K(model: str, parameters: list[str], directory: Path) -> Floats:
-    numbers = [float(text) for text in parameters]
-    if model == "SIMPLE_PINHOLE":
-        fx, cx, cy = numbers
-        fy = fx
-    elif model == "PINHOLE":
+def _colmap_intrinsics(path: Path) -> Iterator[tuple[str, tuple[Floats, int, int]]]:
+    """Intrinsics and image size by COLMAP's camera id."""
+    for line in filter(str.strip, _colmap_lines(path)):
+        identifier, model, width, height, *parameters = line.split()
+        numbers = [float(text) for text in parameters]
+        if model == "SIMPLE_PINHOLE":
+            numbers.insert(0, numbers[0])
+        elif model != "PINHOLE":
+            raise DataError(
+                f"{path} has a camera of model {model}",
+                expected="PINHOLE or SIMPLE_PINHOLE",
+                hint="Undistort the images with COLMAP's image_undistorter first",
+            )
         fx, fy, cx, cy = numbers
-    else:
-        raise DataError(
-            f"{directory / 'cameras.txt'} has a camera of model {model}",
-            expected="PINHOLE or SIMPLE_PINHOLE",
-            hint="Undistort the images with COLMAP's image_undistorter first",
-        )
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        yield identifier, (_intrinsics(fx, fy, cx, cy), int(width), int(height))
+
+
+def _colmap_images(
+    path: Path, intrinsics: Mapping[str, tuple[Floats, int, int]]
+) -> Iterator[tuple[int, Camera, str]]:
+    """Image id, camera and file name of every image."""
+    lines = _colmap_lines(path)
+    for line in filter(str.strip, lines):
+        image_id, *pose, camera_id, name = line.split(maxsplit=9)
+        numbers = np.array(pose, dtype=np.float64)
+        world_to_camera = np.eye(4)
+        K, width, height = intrinsics[camera_id]
+        with _located(path):
+            world_to_camera[:3, :3] = rotation_from_quaternion(numbers[:4])
+            world_to_camera[:3, 3] = numbers[4:]
+            camera = Camera(K, world_to_camera, width, height)
+        yield int(image_id), camera, name.strip()
+        # The next line holds the image's 2-D points, and may be empty.
+        next(lines, "")

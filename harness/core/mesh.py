@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from harness.core.errors import DataError
 __all__ = ["Mesh"]
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
+Indices = NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,14 +26,15 @@ class Mesh:
 
     Attributes:
         vertices: (V, 3) positions; metres in the world frame unless the holder says otherwise.
-        faces: (F, 3) vertex indices, counter-clockwise seen from outside.
+        faces: (F, 3) vertex indices, counter-clockwise seen from outside; held as int32.
         uv: (T, 2) texture coordinates, origin at the bottom left, or None.
         face_uv: (F, 3) indices into ``uv``, or None.
         texture: Image file of the texture, or None.
         source: What the mesh is called in messages, usually its file.
 
     Raises:
-        DataError: no vertices or faces, a non-finite vertex, an index out of range, no surface.
+        DataError: no vertices or faces, a non-finite vertex, an index that is not a whole number
+            or out of range, no surface.
     """
 
     vertices: Floats
@@ -43,17 +45,24 @@ class Mesh:
     source: str = "mesh"
 
     def __post_init__(self) -> None:
-        for name, kind in (
-            ("vertices", np.float64),
-            ("uv", np.float64),
-            ("faces", np.int32),
-            ("face_uv", np.int32),
-        ):
-            array = getattr(self, name)
-            if array is not None:
-                object.__setattr__(self, name, np.ascontiguousarray(array, dtype=kind))
+        self._hold("vertices", "uv", dtype=np.float64)
         self._check_shapes()
         self._check_values()
+        self._check_indices()
+        # Not before the check: the cast would wrap an index that is out of range.
+        self._hold("faces", "face_uv", dtype=np.int32)
+        if not 0 < self.area < np.inf:
+            raise DataError(
+                f"{self.source} has no measurable surface",
+                expected="a positive area",
+                got=f"{len(self.faces)} faces of total area {self.area:g}",
+            )
+
+    def _hold(self, *names: str, dtype: type[np.generic]) -> None:
+        for name in names:
+            array = getattr(self, name)
+            if array is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(array, dtype=dtype))
 
     def _check_shapes(self) -> None:
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or len(self.vertices) == 0:
@@ -71,6 +80,12 @@ class Mesh:
             )
         if (self.uv is None) != (self.face_uv is None):
             raise DataError(f"{self.source} has texture coordinates without their indices")
+        if self.uv is not None and (self.uv.ndim != 2 or self.uv.shape[1] != 2):
+            raise DataError(
+                f"{self.source} has no usable texture coordinates",
+                expected="an array (T, 2)",
+                got=str(self.uv.shape),
+            )
         if self.face_uv is not None and self.face_uv.shape != self.faces.shape:
             raise DataError(
                 f"{self.source} has faces without texture coordinates",
@@ -79,31 +94,38 @@ class Mesh:
             )
 
     def _check_values(self) -> None:
-        finite = np.isfinite(self.vertices).all(axis=1)
-        if not finite.all():
-            raise DataError(
-                f"{self.source} has {int((~finite).sum())} non-finite vertices",
-                expected="finite coordinates",
-                got=f"vertex {int(np.argmin(finite))} = {self.vertices[int(np.argmin(finite))]}",
-                hint="Repair or remove them; they are never skipped in silence",
-            )
-        for indices, target, name in (
-            (self.faces, self.vertices, "vertex"),
-            (self.face_uv, self.uv, "texture"),
+        for name, kind, points in (
+            ("vertices", "vertex", self.vertices),
+            ("texture coordinates", "texture coordinate", self.uv),
+        ):
+            if points is None:
+                continue
+            finite = np.isfinite(points).all(axis=1)
+            if not finite.all():
+                first = int(np.argmin(finite))
+                raise DataError(
+                    f"{self.source} has {int((~finite).sum())} non-finite {name}",
+                    expected="finite coordinates",
+                    got=f"{kind} {first} = {points[first].tolist()}",
+                    hint="Repair or remove them; they are never skipped in silence",
+                )
+
+    def _check_indices(self) -> None:
+        for name, indices, target in (
+            ("vertex", self.faces, self.vertices),
+            ("texture", self.face_uv, self.uv),
         ):
             if indices is None or target is None:
                 continue
+            if not np.issubdtype(indices.dtype, np.integer):
+                raise DataError(f"{self.source} has a {name} index that is not a whole number")
             low, high = int(indices.min()), int(indices.max())
             if low < 0 or high >= len(target):
                 raise DataError(
                     f"{self.source} has a {name} index out of range",
                     expected=f"0 to {len(target) - 1}",
-                    got=f"{low if low < 0 else high}",
+                    got=str(low if low < 0 else high),
                 )
-        if not self.area > 0:
-            raise DataError(
-                f"{self.source} has no surface: all {len(self.faces)} faces have zero area"
-            )
 
     @property
     def bounds(self) -> Floats:
@@ -120,11 +142,14 @@ class Mesh:
     def face_normals(self) -> Floats:
         """(F, 3) face normals times twice the area; zero for a degenerate face."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
-        return np.cross(b - a, c - a)
+        # Coordinates too large to be squared give an area that is infinite, which is refused.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.cross(b - a, c - a)
 
     def face_areas(self) -> Floats:
         """(F,) triangle areas."""
-        return 0.5 * np.linalg.norm(self.face_normals(), axis=1)
+        with np.errstate(over="ignore"):
+            return 0.5 * np.linalg.norm(self.face_normals(), axis=1)
 
     @property
     def area(self) -> float:
@@ -136,7 +161,7 @@ class Mesh:
         """Enclosed volume if closed; negative when the faces are wound inside out."""
         centred = self.vertices - self.vertices.mean(axis=0)
         a, b, c = (centred[self.faces[:, corner]] for corner in range(3))
-        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+        return float((a * np.cross(b, c)).sum() / 6.0)
 
     def transformed(self, transform: Floats) -> Mesh:
         """The mesh moved by a (4, 4) similarity transform."""

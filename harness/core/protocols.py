@@ -72,7 +72,7 @@ class MethodInfo:
     views: tuple[int, ...] | None = None
     parts: tuple[Part, ...] = ()
     privileges: tuple[str, ...] = ()
-    parameters: Mapping[str, object] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict[str, object])
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -101,7 +101,7 @@ class Context:
     seed: int
     workdir: Path
     stage: Callable[[str], AbstractContextManager[None]]
-    privileged: Mapping[str, Any] = field(default_factory=dict)
+    privileged: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @runtime_checkable

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
@@ -71,10 +71,10 @@ class Record:
     seed: int
     status: Status
     reason: str = ""
-    metrics: Mapping[str, MetricValue] = field(default_factory=dict)
+    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
     stages: tuple[StageCost, ...] = ()
-    details: Mapping[str, object] = field(default_factory=dict)
-    environment: Mapping[str, object] = field(default_factory=dict)
+    details: Mapping[str, object] = field(default_factory=dict[str, object])
+    environment: Mapping[str, object] = field(default_factory=dict[str, object])
     created_utc: str = ""
 
     @property
@@ -107,10 +107,17 @@ class Record:
                 hint="Run the evaluation again to replace it",
             )
         try:
-            metrics = {
-                name: MetricValue(**value) for name, value in document.pop("metrics").items()
-            }  # type: ignore[attr-defined]
-            stages = tuple(StageCost(**stage) for stage in document.pop("stages"))  # type: ignore[attr-defined]
-            return cls(metrics=metrics, stages=stages, **document)  # type: ignore[arg-type]
+            document["metrics"] = {
+                name: MetricValue(**value) for name, value in document["metrics"].items()
+            }
+            document["stages"] = tuple(StageCost(**stage) for stage in document["stages"])
+            record = cls(**document)
         except (KeyError, TypeError, AttributeError) as error:
             raise DataError(f"{path} is not a record", got=str(error)) from error
+        if record.status not in get_args(Status):
+            raise DataError(
+                f"{path} has an unknown status",
+                expected=", ".join(get_args(Status)),
+                got=str(record.status),
+            )
+        return record

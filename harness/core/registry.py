@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from harness.core.errors import HarnessError, MissingPart, did_you_mean
@@ -42,17 +41,23 @@ class Registry:
         """The object behind a name.
 
         Raises:
-            HarnessError: an unknown name; the hint holds the nearest known one.
+            HarnessError: an unknown name, with the nearest known one as a hint; or a module
+                without the object.
             MissingPart: the module needs a package that is not installed.
         """
         targets = self.targets()
         if name not in targets:
             raise HarnessError(f"unknown {self.kind} '{name}'", hint=did_you_mean(name, targets))
-        module_name, _, attribute = targets[name].partition(":")
         try:
-            return getattr(importlib.import_module(module_name), attribute)
+            return EntryPoint(name=name, value=targets[name], group=self._group).load()
         except ImportError as error:
             raise MissingPart(
                 f"{self.kind} '{name}' could not be loaded: {error}",
                 hint="Run 'harness doctor' to see what is missing and how to install it",
+            ) from error
+        except AttributeError as error:
+            raise HarnessError(
+                f"{self.kind} '{name}' is not where it is registered",
+                expected=targets[name],
+                got=str(error),
             ) from error

@@ -44,7 +44,7 @@ class RingRig:
         focal = focal_length_px(self.lens_mm, self.sensor_mm, width, height)
         K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
         pitch = math.radians(self.pitch_deg)
-        cameras = []
+        cameras: list[Camera] = []
         for view in range(self.views):
             yaw = 2 * math.pi * view / self.views
             direction = np.array(

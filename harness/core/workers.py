@@ -6,8 +6,10 @@ its parent, so that a killed run leaves nothing behind.
 
 from __future__ import annotations
 
-import json
+import ctypes
 import os
+import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -15,8 +17,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-from harness.core import errors as error_classes
+from harness.core import errors
 from harness.core.errors import HarnessError, MethodError
 from harness.core.files import read_json, write_json
 
@@ -25,7 +28,8 @@ __all__ = ["run_worker", "worker_main"]
 _TAIL_LINES = 15
 _POLL_S = 0.05
 _PARENT_POLL_S = 0.5
-_PROGRESS_PREFIX = "@progress "
+_PROGRESS = re.compile(r"^@progress (\d+)/(\d+)\n", re.MULTILINE)
+_PR_SET_PDEATHSIG = 1
 
 Progress = Callable[[int, int], None]
 
@@ -36,8 +40,11 @@ def run_worker(
     *,
     log: Path | None = None,
     progress: Progress | None = None,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """The result of ``python -m module`` on a job.
+
+    A worker that wrote its result has done its job, even if it crashed on the way out, as graphics
+    drivers do.
 
     Args:
         module: Dotted name of a module that ends in ``worker_main(handle)``.
@@ -55,8 +62,9 @@ def run_worker(
         log_path.parent.mkdir(parents=True, exist_ok=True)
         write_json(job_path, {"parent": os.getpid(), "job": dict(job)})
         with log_path.open("wb") as stream:
+            # -P keeps the working folder off the path: it may hold packages named like ours.
             process = subprocess.Popen(
-                [sys.executable, "-m", module, str(job_path), str(result_path)],
+                [sys.executable, "-P", "-m", module, str(job_path), str(result_path)],
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
@@ -64,51 +72,47 @@ def run_worker(
             try:
                 _follow(process, log_path, progress)
             finally:
-                if process.poll() is None:
-                    process.kill()
-                    process.wait()
+                process.kill()
+                process.wait()
         if not result_path.is_file():
             raise MethodError(
-                f"worker {module} ended with exit status {process.returncode} and no result",
+                f"worker {module} ended with {_ending(process.returncode)} and no result",
                 hint=f"Last lines of its log:\n{_tail(log_path)}",
             )
         result = read_json(result_path)
-    failure = result.get("error")
-    if isinstance(failure, dict):
-        kind = getattr(error_classes, str(failure["kind"]), HarnessError)
-        raise kind(
-            str(failure["what"]),
-            expected=str(failure["expected"]),
-            got=str(failure["got"]),
-            hint=str(failure["hint"]),
-        )
-    return result["value"]  # type: ignore[return-value]
+    if failure := result.get("error"):
+        kind: type[HarnessError] = getattr(errors, failure.pop("kind"))
+        raise kind(**failure)
+    return result["value"]
 
 
 def _follow(process: subprocess.Popen[bytes], log: Path, progress: Progress | None) -> None:
+    """Wait for the end of a process, passing on what it says of its progress."""
+    pending = ""
     with log.open("r", encoding="utf-8", errors="replace") as stream:
         while True:
             ended = process.poll() is not None
-            for line in stream.read().splitlines():
-                if progress and line.startswith(_PROGRESS_PREFIX):
-                    done, total = line.removeprefix(_PROGRESS_PREFIX).split("/")
+            lines, newline, pending = (pending + stream.read()).rpartition("\n")
+            for done, total in _PROGRESS.findall(lines + newline):
+                if progress:
                     progress(int(done), int(total))
             if ended:
                 return
             time.sleep(_POLL_S)
 
 
+def _ending(status: int) -> str:
+    return f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
+
+
 def _tail(log: Path) -> str:
-    lines = [
-        line
-        for line in log.read_text(encoding="utf-8", errors="replace").splitlines()
-        if line.strip() and not line.startswith(_PROGRESS_PREFIX)
-    ]
+    text = _PROGRESS.sub("", log.read_text(encoding="utf-8", errors="replace"))
+    lines = [line for line in text.splitlines() if line.strip()]
     return "\n".join(f"  | {line}" for line in lines[-_TAIL_LINES:]) or "  | (empty)"
 
 
 def worker_main(
-    handle: Callable[[dict[str, object], Progress], dict[str, object]],
+    handle: Callable[[dict[str, Any], Progress], Mapping[str, object]],
 ) -> None:
     """Run a worker: read the job file, call ``handle(job, progress)``, write the result.
 
@@ -117,29 +121,37 @@ def worker_main(
     """
     job_path, result_path = Path(sys.argv[1]), Path(sys.argv[2])
     document = read_json(job_path)
-    _die_with(int(document["parent"]))  # type: ignore[call-overload]
+    _die_with(document["parent"])
     try:
-        result: dict[str, object] = {"value": handle(document["job"], _say_progress)}  # type: ignore[arg-type]
+        result: dict[str, object] = {"value": handle(document["job"], _say_progress)}
     except HarnessError as error:
         result = {
             "error": {
-                "kind": type(error).__name__,
+                "kind": _known_kind(error),
                 "what": error.what,
                 "expected": error.expected,
                 "got": error.got,
                 "hint": error.hint,
             }
         }
-    write_json(result_path, json.loads(json.dumps(result)))
+    write_json(result_path, result)
+
+
+def _known_kind(error: HarnessError) -> str:
+    """The nearest class that the parent knows without importing the worker's modules."""
+    return next(kind.__name__ for kind in type(error).__mro__ if hasattr(errors, kind.__name__))
 
 
 def _say_progress(done: int, total: int) -> None:
-    sys.stdout.write(f"{_PROGRESS_PREFIX}{done}/{total}\n")
+    sys.stdout.write(f"@progress {done}/{total}\n")
     sys.stdout.flush()
 
 
 def _die_with(parent: int) -> None:
-    """End this process soon after its parent is gone, even if the parent was killed."""
+    """End this process when its parent is gone, even if the parent was killed."""
+    if sys.platform == "linux":
+        # The kernel's own signal also reaches a worker inside one long native call.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
     def watch() -> None:
         while os.getppid() == parent:

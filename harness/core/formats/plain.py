@@ -23,30 +23,35 @@ def read_off(path: Path) -> Mesh:
     Raises:
         DataError: not an OFF file, or fewer numbers than its header promises.
     """
-    text = re.sub(r"#.*", "", path.read_text(encoding="ascii", errors="replace"))
-    if not text.startswith(("OFF", "COFF")):
+    text = re.sub(r"#.*", "", path.read_text(encoding="ascii", errors="replace")).lstrip()
+    header = re.match(r"C?OFF\b", text)
+    if header is None:
         raise DataError(f"{path} is not an OFF file", expected="it to start with 'OFF'")
-    lines = [
-        line.split() for line in text.replace("OFF", "", 1).lstrip("C").splitlines() if line.strip()
-    ]
+    rows = [line.split() for line in text[header.end() :].splitlines() if line.strip()]
     try:
-        vertex_count, face_count = int(lines[0][0]), int(lines[0][1])
-        rows = lines[1 : 1 + vertex_count]
-        vertices = np.array([row[:3] for row in rows], dtype=np.float64)
-        polygons = [
-            [int(word) for word in row[1 : 1 + int(row[0])]]
-            for row in lines[1 + vertex_count : 1 + vertex_count + face_count]
-        ]
-        if len(vertices) < vertex_count or len(polygons) < face_count:
-            raise ValueError(f"{len(vertices)} vertices and {len(polygons)} faces")
+        vertex_count, face_count = int(rows[0][0]), int(rows[0][1])
+        vertex_rows = rows[1 : 1 + vertex_count]
+        polygons = rows[1 + vertex_count : 1 + vertex_count + face_count]
+        if len(vertex_rows) < vertex_count or len(polygons) < face_count:
+            raise ValueError(
+                f"{len(vertex_rows)} of {vertex_count} vertices, "
+                f"{len(polygons)} of {face_count} faces"
+            )
+        vertices = np.array([row[:3] for row in vertex_rows], dtype=np.float64)
+        faces = [triangle for row in polygons for triangle in _fan(row)]
     except (ValueError, IndexError) as error:
         raise DataError(f"{path} is truncated or broken", got=str(error)) from error
-    faces = [
-        (polygon[0], polygon[i], polygon[i + 1])
-        for polygon in polygons
-        for i in range(1, len(polygon) - 1)
-    ]
-    return Mesh(vertices=vertices, faces=np.array(faces).reshape(-1, 3), source=str(path))
+    indices = np.array(faces, dtype=np.int64).reshape(-1, 3)
+    return Mesh(vertices=vertices, faces=indices, source=str(path))
+
+
+def _fan(row: list[str]) -> list[tuple[int, int, int]]:
+    """The triangles of a face row: its number of corners, then the corners."""
+    count = int(row[0])
+    corners = [int(word) for word in row[1 : 1 + count]]
+    if count < 3 or len(corners) < count:
+        raise ValueError(f"a face row '{' '.join(row)}'")
+    return [(corners[0], corners[i], corners[i + 1]) for i in range(1, count - 1)]
 
 
 def read_stl(path: Path) -> Mesh:
@@ -70,14 +75,14 @@ def _binary_stl(content: bytes) -> NDArray[np.float64] | None:
     # ASCII files also start with 80 bytes of something: only the exact length proves binary.
     if len(content) != _STL_HEADER_BYTES + count * _STL_FACET.itemsize:
         return None
-    return np.frombuffer(content, _STL_FACET, count, _STL_HEADER_BYTES)["corners"].astype(
-        np.float64
-    )
+    facets = np.frombuffer(content, _STL_FACET, count, _STL_HEADER_BYTES)
+    return facets["corners"].astype(np.float64)
 
 
 def _ascii_stl(content: bytes, path: Path) -> NDArray[np.float64]:
     words = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
-    if not content.lstrip().startswith(b"solid") or not words or len(words) % 3:
+    complete = re.match(rb"\s*solid\b.*\bendsolid\b", content, re.DOTALL)
+    if not complete or len(words) != 3 * len(re.findall(rb"\bendfacet\b", content)):
         raise DataError(
             f"{path} is not a complete STL file",
             expected="ASCII 'solid ... endsolid', or binary of the length in its header",

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +22,24 @@ _KINDS = {
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
+_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+#: A property's values, as runs of rows that are alike: (n,) of a scalar, (n, k) of lists of k.
+Runs = list[NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Property:
     name: str
     kind: str
-    count_kind: str | None  # of a list property
+    count_kind: str = ""  # of a list
 
 
 @dataclass(frozen=True, slots=True)
 class _Element:
     name: str
     count: int
-    properties: tuple[_Property, ...]
+    properties: list[_Property]
 
 
 def read_ply(path: Path) -> Mesh:
@@ -42,155 +49,171 @@ def read_ply(path: Path) -> Mesh:
         DataError: not a PLY, truncated, without x, y, z, or a point cloud without faces.
     """
     content = path.read_bytes()
-    elements, layout, body = _header(content, path)
+    end = content.find(b"end_header")
+    start = content.find(b"\n", end) + 1
+    if not content.startswith(b"ply") or end < 0 or start == 0:
+        raise DataError(f"{path} is not a PLY file", expected="a header 'ply ... end_header'")
     try:
-        tables = (
-            _ascii_tables(content[body:], elements)
-            if layout == "ascii"
-            else _binary_tables(content, body, elements, "<" if "little" in layout else ">")
-        )
-        columns = tables["vertex"]
-        vertices = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
+        order, elements = _header(content[:end].decode("ascii", errors="replace"))
     except (KeyError, ValueError, IndexError) as error:
         raise DataError(
-            f"{path} is truncated or not a PLY mesh", got=f"{type(error).__name__}: {error}"
+            f"{path} has a header that cannot be read", got=f"{type(error).__name__}: {error}"
         ) from error
-    polygons = tables.get("face", {})
-    indices = polygons.get("vertex_indices", polygons.get("vertex_index"))
-    faces = np.zeros((0, 3), np.int32) if indices is None else indices
-    return Mesh(vertices=vertices, faces=faces, source=str(path))
+    try:
+        tables = (
+            _binary_tables(content, start, elements, order)
+            if order
+            else _ascii_tables(content[start:], elements)
+        )
+        faces = _triangles(tables)
+    except (ValueError, IndexError) as error:
+        raise DataError(f"{path} is truncated or broken", got=str(error)) from error
+    return Mesh(vertices=_positions(tables, path), faces=faces, source=str(path))
 
 
-def _header(content: bytes, path: Path) -> tuple[list[_Element], str, int]:
-    end = content.find(b"end_header")
-    if not content.startswith(b"ply") or end < 0:
-        raise DataError(f"{path} is not a PLY file", expected="a header 'ply ... end_header'")
-    body = content.index(b"\n", end) + 1
-    elements: list[_Element] = []
+def _header(text: str) -> tuple[str, list[_Element]]:
+    """Byte order (empty for ASCII) and elements."""
     layout = ""
-    for line in content[:end].decode("ascii", errors="replace").splitlines():
-        words = line.split()
-        if words[:1] == ["format"]:
+    elements: list[_Element] = []
+    for words in filter(None, map(str.split, text.splitlines())):
+        if words[0] == "format":
             layout = words[1]
-        elif words[:1] == ["element"]:
-            elements.append(_Element(words[1], int(words[2]), ()))
-        elif words[:1] == ["property"]:
-            is_list = words[1] == "list"
-            count_kind = _KINDS[words[2]] if is_list else None
-            found = _Property(words[-1], _KINDS[words[3 if is_list else 1]], count_kind)
-            last = elements.pop()
-            elements.append(_Element(last.name, last.count, (*last.properties, found)))
-    return elements, layout, body
+        elif words[0] == "element":
+            elements.append(_Element(words[1], int(words[2]), []))
+            if elements[-1].count < 0:
+                raise ValueError(" ".join(words))
+        elif words[:2] == ["property", "list"]:
+            found = _Property(words[4], _KINDS[words[3]], _KINDS[words[2]])
+            elements[-1].properties.append(found)
+        elif words[0] == "property":
+            elements[-1].properties.append(_Property(words[2], _KINDS[words[1]]))
+    return _BYTE_ORDERS[layout], elements
+
+
+def _positions(tables: dict[str, dict[str, Runs]], path: Path) -> NDArray[np.float64]:
+    columns = tables.get("vertex", {})
+    missing = [axis for axis in "xyz" if not columns.get(axis)]
+    if missing:
+        raise DataError(f"{path} has no vertices with {', '.join(missing)}")
+    return np.stack([np.concatenate(columns[axis]) for axis in "xyz"], axis=1).astype(np.float64)
+
+
+def _triangles(tables: dict[str, dict[str, Runs]]) -> NDArray[Any]:
+    columns = tables.get("face", {})
+    runs = columns.get("vertex_indices", columns.get("vertex_index", []))
+    return np.concatenate([_fan(run) for run in runs] or [np.zeros((0, 3), np.int32)])
+
+
+def _fan(polygons: NDArray[Any]) -> NDArray[Any]:
+    """(n * (k - 2), 3) triangles of (n, k) polygons."""
+    corners = polygons.shape[1] if polygons.ndim == 2 else 1
+    if corners < 3:
+        raise ValueError(f"a face of {corners} corners")
+    fan = [[0, corner, corner + 1] for corner in range(1, corners - 1)]
+    return polygons[:, fan].reshape(-1, 3)
 
 
 def _binary_tables(
     content: bytes, offset: int, elements: list[_Element], order: str
-) -> dict[str, dict[str, NDArray]]:
-    tables: dict[str, dict[str, NDArray]] = {}
+) -> dict[str, dict[str, Runs]]:
+    tables: dict[str, dict[str, Runs]] = {}
     for element in elements:
-        lists = [prop for prop in element.properties if prop.count_kind]
-        if element.count == 0:
-            tables[element.name] = {}
-            continue
-        # Guess that every list is as long as the first row's; true for triangle meshes.
-        lengths = _first_row_lengths(content, offset, element, order)
-        fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
-        for prop in element.properties:
-            if prop.count_kind:
-                fields.append((f"#{prop.name}", order + prop.count_kind))
-                fields.append((prop.name, order + prop.kind, (lengths[prop.name],)))
-            else:
-                fields.append((prop.name, order + prop.kind))
-        row = np.dtype(fields)
-        table = None
-        if len(content) >= offset + row.itemsize * element.count:
-            table = np.frombuffer(content, row, element.count, offset)
-        if table is not None and all((table[f"#{p.name}"] == lengths[p.name]).all() for p in lists):
-            offset += row.itemsize * element.count
-            columns = {prop.name: table[prop.name] for prop in element.properties}
-        else:
-            columns, offset = _ragged_rows(content, offset, element, order)
-        tables[element.name] = {
-            name: _fans([column]) if column.ndim == 2 else column
-            for name, column in columns.items()
-        }
+        columns: dict[str, Runs] = {prop.name: [] for prop in element.properties}
+        tables[element.name] = columns
+        left = run = element.count if element.properties else 0
+        while left:
+            # Guess that the next rows have lists as long as the next row's; all of them at first,
+            # as in a triangle mesh, then ever more again after each wrong guess.
+            row = _row_type(content, offset, element, order)
+            fitting = min(run, left, (len(content) - offset) // row.itemsize)
+            if fitting == 0:
+                raise ValueError(f"{element.count - left} of {element.count} {element.name} rows")
+            table = np.frombuffer(content, row, fitting, offset)
+            alike = np.ones(fitting, dtype=bool)
+            for prop in element.properties:
+                if prop.count_kind:
+                    counts = table[f"#{prop.name}"]
+                    alike &= counts == counts[0]
+            taken = fitting if alike.all() else int(np.argmin(alike))
+            for name, runs in columns.items():
+                runs.append(table[name][:taken])
+            offset += taken * row.itemsize
+            left -= taken
+            run = 2 * run if taken == fitting else 1
     return tables
 
 
-def _first_row_lengths(
-    content: bytes, offset: int, element: _Element, order: str
-) -> dict[str, int]:
-    lengths = {}
+def _row_type(content: bytes, offset: int, element: _Element, order: str) -> np.dtype[Any]:
+    """The layout of the row at an offset; a list's length is a field named with a '#'."""
+    fields: list[tuple[Any, ...]] = []
     for prop in element.properties:
-        if prop.count_kind:
-            count = int(np.frombuffer(content, order + prop.count_kind, 1, offset)[0])
-            lengths[prop.name] = count
-            offset += np.dtype(prop.count_kind).itemsize + count * np.dtype(prop.kind).itemsize
-        else:
-            offset += np.dtype(prop.kind).itemsize
-    return lengths
+        kind = np.dtype(order + prop.kind)
+        if not prop.count_kind:
+            fields.append((prop.name, kind))
+            offset += kind.itemsize
+            continue
+        count_kind = np.dtype(order + prop.count_kind)
+        length = int(np.frombuffer(content, count_kind, 1, offset)[0])
+        fields += [(f"#{prop.name}", count_kind), (prop.name, kind, (length,))]
+        offset += count_kind.itemsize + length * kind.itemsize
+    return np.dtype(fields)
 
 
-def _ragged_rows(
-    content: bytes, offset: int, element: _Element, order: str
-) -> tuple[dict[str, NDArray], int]:
-    """Rows whose lists differ in length, read one by one."""
-    rows: dict[str, list[NDArray]] = {prop.name: [] for prop in element.properties}
-    for _ in range(element.count):
-        for prop in element.properties:
-            count = 1
-            if prop.count_kind:
-                count = int(np.frombuffer(content, order + prop.count_kind, 1, offset)[0])
-                offset += np.dtype(prop.count_kind).itemsize
-            rows[prop.name].append(np.frombuffer(content, order + prop.kind, count, offset))
-            offset += count * np.dtype(prop.kind).itemsize
-    columns = {
-        prop.name: _fans(rows[prop.name]) if prop.count_kind else np.concatenate(rows[prop.name])
-        for prop in element.properties
-    }
-    return {name: column for name, column in columns.items()}, offset
-
-
-def _fans(polygons: list[NDArray]) -> NDArray:
-    """(F, 3) triangles of polygons given as rows or as blocks of equal rows."""
-    triangles = [np.zeros((0, 3), np.int64)]
-    for block in polygons:
-        rows = np.atleast_2d(block)
-        for corner in range(1, rows.shape[1] - 1):
-            triangles.append(rows[:, [0, corner, corner + 1]])
-    return np.concatenate(triangles)
-
-
-def _ascii_tables(body: bytes, elements: list[_Element]) -> dict[str, dict[str, NDArray]]:
-    lines = [line for line in body.splitlines() if line.strip()]
-    tables: dict[str, dict[str, NDArray]] = {}
-    start = 0
+def _ascii_tables(body: bytes, elements: list[_Element]) -> dict[str, dict[str, Runs]]:
+    lines = [line for line in body.decode("ascii", errors="replace").splitlines() if line.strip()]
+    tables: dict[str, dict[str, Runs]] = {}
     for element in elements:
-        rows = lines[start : start + element.count]
+        rows, lines = lines[: element.count], lines[element.count :]
         if len(rows) < element.count:
             raise ValueError(f"{len(rows)} of {element.count} {element.name} rows")
-        start += element.count
-        tables[element.name] = _ascii_columns(rows, element)
+        columns: dict[str, Runs] = {prop.name: [] for prop in element.properties}
+        for lengths, run in groupby(rows, partial(_list_lengths, element)):
+            table = np.loadtxt(list(run), dtype=np.float64, comments=None, ndmin=2)
+            _split_columns(table, element, lengths, columns)
+        tables[element.name] = columns
     return tables
 
 
-def _ascii_columns(rows: list[bytes], element: _Element) -> dict[str, NDArray]:
+def _list_lengths(element: _Element, row: str) -> tuple[int, ...]:
+    """How long each list property is in an ASCII row."""
     if not any(prop.count_kind for prop in element.properties):
-        values = np.array([row.split() for row in rows], dtype=np.float64)
-        return {prop.name: values[:, i] for i, prop in enumerate(element.properties)}
-    columns: dict[str, list[NDArray]] = {p.name: [] for p in element.properties if p.count_kind}
-    for row in rows:
-        words = row.split()
-        position = 0
-        for prop in element.properties:
-            if prop.count_kind:
-                count = int(words[position])
-                values = np.array(words[position + 1 : position + 1 + count], dtype=np.float64)
-                columns[prop.name].append(values)
-                position += 1 + count
-            else:
-                position += 1
-    return {name: _fans(lists).astype(np.int64) for name, lists in columns.items()}
+        return ()
+    words = row.split()
+    lengths: list[int] = []
+    position = 0
+    for prop in element.properties:
+        if prop.count_kind:
+            lengths.append(int(words[position]))
+            position += lengths[-1]
+        position += 1
+    return tuple(lengths)
+
+
+def _split_columns(
+    table: NDArray[np.float64],
+    element: _Element,
+    lengths: tuple[int, ...],
+    columns: dict[str, Runs],
+) -> None:
+    """Append the columns of equal ASCII rows to the properties' runs."""
+    width = len(element.properties) + sum(lengths)
+    if table.shape[1] != width or min(lengths, default=0) < 0:
+        raise ValueError(f"a {element.name} row of {table.shape[1]} numbers instead of {width}")
+    remaining = list(lengths)
+    position = 0
+    for prop in element.properties:
+        if not prop.count_kind:
+            columns[prop.name].append(table[:, position])
+            position += 1
+            continue
+        length = remaining.pop(0)
+        values = table[:, position + 1 : position + 1 + length]
+        if prop.kind[0] in "iu":
+            if not np.isfinite(values).all() or (values != np.floor(values)).any():
+                raise ValueError(f"{prop.name} are not whole numbers")
+            values = values.astype(np.int64)
+        columns[prop.name].append(values)
+        position += 1 + length
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
