@@ -14,7 +14,7 @@ from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.hashing import canonical_json
 from harness.core.records import Record
 
-__all__ = ["Group", "Selection", "select", "subjects_text"]
+__all__ = ["Group", "Selection", "check_comparable", "select"]
 
 _SHOWN_SUBJECTS = 8
 _REASON_LENGTH = 120
@@ -84,7 +84,7 @@ def select(
             f"there are no records of {', '.join(order) or 'any method'} to report",
             hint=f"This run has records of {known}" if known else "Run 'harness eval' first",
         )
-    _check_comparable(chosen)
+    check_comparable(chosen)
     first = chosen[0]
     wanted = subjects or sorted({r.subject for r in records if r.dataset == first.dataset})
     by_method = {name: _by_subject(chosen, name) for name in order}
@@ -98,7 +98,13 @@ def select(
     )
 
 
-def _check_comparable(records: Sequence[Record]) -> None:
+def check_comparable(records: Sequence[Record]) -> None:
+    """Refuse records whose numbers must not meet, in a table or elsewhere.
+
+    Raises:
+        ProtocolMismatch: another dataset, metric protocol, recipe, or capture of one subject; the
+            message names two records and what they differ in.
+    """
     _check_same("dataset", [(record.dataset, record) for record in records])
     _check_same("metric protocol", [(_protocol_text(record), record) for record in records])
     # A mesh made elsewhere has no photos of ours; its row says so instead.
@@ -122,10 +128,10 @@ def _check_same(what: str, values: Sequence[tuple[str, Record]]) -> None:
         expected, reference = values[0]
         if value != expected:
             raise ProtocolMismatch(
-                f"records of two kinds cannot share a table: their {what} differs",
+                f"these records cannot be compared: their {what} differs",
                 expected=f"'{expected}' as in {_cell(reference)}",
                 got=f"'{value}' in {_cell(record)}",
-                hint="Report them as separate runs, or evaluate again so that all agree",
+                hint="Keep them in separate runs, or evaluate again so that all agree",
             )
 
 
@@ -201,7 +207,7 @@ def _absence_notes(records: Mapping[str, Record], subjects: Sequence[str]) -> li
             first_line = next(iter(record.reason.splitlines()), "no reason given")
             reasons.setdefault(f"{record.status}: {_short(first_line)}", []).append(subject)
     return [
-        f"{len(absent)} of {len(subjects)} {reason} ({subjects_text(absent)})"
+        f"{len(absent)} of {len(subjects)} {reason} ({_subjects_text(absent)})"
         for reason, absent in reasons.items()
     ]
 
@@ -210,7 +216,7 @@ def _short(text: str) -> str:
     return textwrap.shorten(text, _REASON_LENGTH, placeholder=" ...").rstrip(".")
 
 
-def subjects_text(subjects: Sequence[str]) -> str:
+def _subjects_text(subjects: Sequence[str]) -> str:
     """The subjects' names, cut after a few."""
     shown = ", ".join(subjects[:_SHOWN_SUBJECTS])
     more = len(subjects) - _SHOWN_SUBJECTS
@@ -219,4 +225,4 @@ def subjects_text(subjects: Sequence[str]) -> str:
 
 def _capture_remarks(records: Sequence[Record]) -> tuple[str, ...]:
     warned = sorted({record.subject for record in records if record.capture.get("warnings")})
-    return (f"Captures with warnings: {subjects_text(warned)}",) if warned else ()
+    return (f"Captures with warnings: {_subjects_text(warned)}",) if warned else ()

@@ -1,0 +1,105 @@
+"""``harness report``: the records of a run become a table in the format asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from harness.core.errors import HarnessError, did_you_mean
+from harness.core.files import write_text
+from harness.core.records import Record
+from reports.cost import cost_table
+from reports.formats import to_csv, to_json
+from reports.geometry import geometry_table
+from reports.latex import to_latex
+from reports.markdown import to_markdown
+from reports.tables import Interval, Table
+
+__all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "write_tables"]
+
+T = TypeVar("T")
+
+#: Tables by name.
+TABLES: Mapping[str, Callable[..., Table]] = {"geometry": geometry_table, "cost": cost_table}
+#: Writer and file name extension by format.
+FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {
+    "latex": (to_latex, "tex"),
+    "markdown": (to_markdown, "md"),
+    "csv": (to_csv, "csv"),
+    "json": (to_json, "json"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ReportRequest:
+    """What ``harness report`` was asked for.
+
+    Attributes:
+        table: Name in ``TABLES``.
+        format: Name in ``FORMATS``.
+        methods: Rows in this order; by default all in the order of the catalogue.
+        subjects: Subjects that count; by default all that have a record.
+        interval: Whether means carry a 95 % bootstrap interval over subjects.
+        published: Whether the paper's printed numbers are shown below.
+    """
+
+    table: str = "geometry"
+    format: str = "markdown"
+    methods: tuple[str, ...] | None = None
+    subjects: tuple[str, ...] | None = None
+    interval: bool = False
+    published: bool = False
+
+
+def build_table(records: Sequence[Record], request: ReportRequest) -> str:
+    """The table as text in the requested format.
+
+    Raises:
+        HarnessError: an unknown table or format, or nothing to report.
+        ProtocolMismatch: the records are not comparable.
+    """
+    make = _known("table", request.table, TABLES)
+    write, _ = _known("format", request.format, FORMATS)
+    table = make(
+        records,
+        methods=request.methods or _catalogue_order(records),
+        subjects=request.subjects,
+        interval=_bootstrap() if request.interval else None,
+        published=request.published,
+    )
+    return write(table)
+
+
+def write_tables(
+    records: Sequence[Record], folder: Path, request: ReportRequest = ReportRequest()
+) -> list[Path]:
+    """Every table in every format as ``<folder>/<table>.<extension>``; returns the files."""
+    written = []
+    for table in TABLES:
+        for name, (_, extension) in FORMATS.items():
+            path = folder / f"{table}.{extension}"
+            write_text(path, build_table(records, replace(request, table=table, format=name)))
+            written.append(path)
+    return written
+
+
+def _known(kind: str, name: str, known: Mapping[str, T]) -> T:
+    if name not in known:
+        raise HarnessError(f"unknown {kind} '{name}'", hint=did_you_mean(name, known))
+    return known[name]
+
+
+def _catalogue_order(records: Sequence[Record]) -> list[str]:
+    from methods.catalog import METHODS
+
+    present = dict.fromkeys(record.method_name for record in records)
+    catalogued = [name for name in METHODS if name in present]
+    return [*catalogued, *(name for name in present if name not in catalogued)]
+
+
+def _bootstrap() -> Interval:
+    from metrics.statistics import bootstrap_interval
+
+    return bootstrap_interval
