@@ -14,7 +14,15 @@ from harness.core.files import atomic_path
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-__all__ = ["composite", "load_mask", "load_rgb", "load_rgba", "save_png"]
+__all__ = [
+    "composite",
+    "linear_from_srgb",
+    "load_mask",
+    "load_rgb",
+    "load_rgba",
+    "save_png",
+    "srgb_from_linear",
+]
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -130,3 +138,16 @@ def composite(rgba: Bytes, background: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
     colour = rgba[..., :3] / 255.0
     alpha = rgba[..., 3:] / 255.0
     return colour * alpha + np.asarray(background, dtype=np.float64) * (1.0 - alpha)
+
+
+def linear_from_srgb(colour: ArrayLike) -> Floats:
+    """Linear intensities of sRGB values in [0, 1] (IEC 61966-2-1)."""
+    colour = np.asarray(colour, dtype=np.float64)
+    return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(intensity: ArrayLike) -> Floats:
+    """SRGB values of linear intensities in [0, 1] (IEC 61966-2-1)."""
+    intensity = np.asarray(intensity, dtype=np.float64)
+    bright = 1.055 * np.maximum(intensity, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(intensity <= 0.0031308, intensity * 12.92, bright)

@@ -17,6 +17,7 @@ from harness.core.camera import Camera
 from harness.core.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
 from harness.geometry.screen import Rectangle, screen_rectangle
+from harness.geometry.surface import vertex_normals
 
 __all__ = ["Hits", "Raycaster", "to_map_frame"]
 
@@ -46,7 +47,7 @@ class Hits:
         """(H, W) whether anything is met."""
         return self.face >= 0
 
-    def interpolate(self, values: ArrayLike, corners: NDArray[np.int32]) -> Floats:
+    def interpolate(self, values: ArrayLike, corners: NDArray[np.integer[Any]]) -> Floats:
         """(H, W, C) corner values blended at every hit; 0 where nothing is met.
 
         Args:
@@ -71,7 +72,7 @@ class Raycaster:
 
         self.mesh = mesh
         self._centre = mesh.bounds.mean(axis=0)
-        self._tensor = o3d.core.Tensor
+        self._tensor: Any = o3d.core.Tensor
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             self._tensor((mesh.vertices - self._centre).astype(np.float32)),
@@ -132,11 +133,16 @@ class Raycaster:
     def normals_at(self, hits: Hits, camera: Camera, frame: Frame) -> Floats:
         """As ``normals``, of rays that were cast already."""
         if self._normals is None:
-            self._normals = _vertex_normals(self.mesh)
+            self._normals = vertex_normals(self.mesh)
         normals_world = hits.interpolate(self._normals, self.mesh.faces)
         length = np.linalg.norm(normals_world, axis=2, keepdims=True)
         normals_world /= np.where(length > 0, length, 1.0)
         return normals_world if frame == "world" else to_map_frame(normals_world, camera)
+
+    def meets(self, pixels: ArrayLike, camera: Camera) -> NDArray[np.bool_]:
+        """(N,) whether the rays through pixel coordinates (N, 2) meet the mesh."""
+        directions = camera.ray_directions(pixels)
+        return self._scene.test_occlusions(self._rays(directions, camera)).numpy()
 
     def visible(
         self, points_world: ArrayLike, camera: Camera, *, tolerance_m: float
@@ -190,17 +196,3 @@ class Raycaster:
 def to_map_frame(normals_world: Floats, camera: Camera) -> Floats:
     """(..., 3) world normals in the frame of maps: x right, y up, z towards the viewer."""
     return normals_world @ (OPENCV_TO_BLENDER_CAMERA[:3, :3] @ camera.rotation).T
-
-
-def _vertex_normals(mesh: Mesh) -> Floats:
-    """(V, 3) unit vertex normals weighted by area; 0 where the faces cancel."""
-    weighted = mesh.face_normals()
-    normals = np.stack(
-        [
-            np.bincount(mesh.faces.ravel(), np.repeat(weighted[:, axis], 3), len(mesh.vertices))
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)

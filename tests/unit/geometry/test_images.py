@@ -5,7 +5,15 @@ import pytest
 from PIL import Image
 
 from harness.core.errors import DataError
-from harness.geometry.images import composite, load_mask, load_rgb, load_rgba, save_png
+from harness.geometry.images import (
+    composite,
+    linear_from_srgb,
+    load_mask,
+    load_rgb,
+    load_rgba,
+    save_png,
+    srgb_from_linear,
+)
 
 
 @pytest.fixture
@@ -75,3 +83,10 @@ def test_composite_blends_by_alpha():
     rgba = np.array([[[255, 0, 0, 255], [255, 0, 0, 51], [9, 9, 9, 0]]], dtype=np.uint8)
     over = composite(rgba, (0.0, 0.0, 1.0))
     assert over[0] == pytest.approx(np.array([[1, 0, 0], [0.2, 0, 0.8], [0, 0, 1]]))
+
+
+def test_srgb_and_linear_are_inverse_and_meet_known_values():
+    values = np.linspace(0, 1, 101)
+    assert srgb_from_linear(linear_from_srgb(values)) == pytest.approx(values, abs=1e-12)
+    assert linear_from_srgb(0.5) == pytest.approx(0.21404, abs=1e-5)
+    assert srgb_from_linear(0.18) == pytest.approx(0.46136, abs=1e-5)

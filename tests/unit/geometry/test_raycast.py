@@ -196,3 +196,10 @@ def test_interpolating_positions_gives_the_hit_points():
     points = hits.interpolate(mesh.vertices, mesh.faces)[hits.mask]
     truth = camera.unproject(camera.pixel_centres()[hits.mask], hits.depth[hits.mask])
     assert np.abs(points - truth).max() < 1e-5  # rays graze the rim
+
+
+def test_rays_through_chosen_pixels():
+    camera = front()
+    caster = Raycaster(box((-0.3, -0.5, -0.5), (0.3, 0.5, 0.5)))
+    (x, y), *_ = camera.project([(0.3, 0.0, 0.5)])[0]
+    assert caster.meets([(x - 0.01, y), (x + 0.01, y)], camera).tolist() == [True, False]

@@ -1,0 +1,65 @@
+"""Spawns the process in which Blender runs."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.errors import MissingPart
+from harness.core.mesh import Mesh
+from harness.core.settings import RenderRecipe
+from harness.core.workers import run_worker
+from renderers.blender.scene import describe, vertices_in_blender
+from renderers.protocol import Progress, RenderOutcome, texture_of
+
+__all__ = ["BlenderRenderer"]
+
+_VERSION = 1
+_WORKER = "renderers.blender.worker"
+
+
+class BlenderRenderer:
+    """Path-traces with Blender's Cycles, on a GPU where there is one."""
+
+    @property
+    def version(self) -> str:
+        """Ours and Blender's; read from the installed package, without importing it."""
+        try:
+            return f"{_VERSION} (bpy {importlib.metadata.version('bpy')})"
+        except importlib.metadata.PackageNotFoundError as error:
+            raise MissingPart(
+                "Blender is not installed",
+                expected="the package bpy",
+                hint="Install bpy (it needs Python 3.11), or use a recipe with 'renderer: raycast'",
+            ) from error
+
+    def render(
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+    ) -> RenderOutcome:
+        """See ``Renderer.render``."""
+        texture = texture_of(mesh)
+        assert mesh.uv is not None
+        assert mesh.face_uv is not None
+        with tempfile.TemporaryDirectory(prefix="harness-render-") as folder:
+            # Arrays instead of the scan's file: what is proved is what is rendered.
+            arrays = Path(folder, "mesh.npz")
+            np.savez(
+                arrays,
+                vertices=vertices_in_blender(mesh),
+                faces=mesh.faces,
+                corner_uv=mesh.uv[mesh.face_uv].astype(np.float32),
+            )
+            answer = run_worker(
+                _WORKER,
+                {
+                    "scene": describe(mesh, recipe).to_dict(),
+                    "mesh": str(arrays),
+                    "texture": str(texture.resolve()),
+                    "directory": str(directory.resolve()),
+                },
+                progress=progress,
+            )
+        return RenderOutcome(device=str(answer["device"]))

@@ -1,0 +1,215 @@
+"""A Blender scene as plain data: cameras, lights and settings, without Blender.
+
+Everything that decides how the pictures look is here and can be tested without ``bpy``; the worker
+only carries it out. Blender's world has +Z up and its cameras look along their own -Z.
+
+Before: ``harness/data/scans.py``. After: ``methods/hull.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import image_name
+from harness.core.camera import Camera, look_at
+from harness.core.errors import DataError
+from harness.core.frames import BLENDER_TO_WORLD, camera_to_blender
+from harness.core.hashing import derive_seed
+from harness.core.mesh import Mesh
+from harness.core.settings import RenderRecipe
+from harness.geometry.screen import screen_rectangle
+from renderers.studio import KEY_SIDE_M, key_light_position, square_light_radiance
+
+__all__ = ["BlenderCamera", "BlenderView", "KeyLight", "Scene", "describe", "vertices_in_blender"]
+
+Floats = NDArray[np.float64]
+Matrix = tuple[tuple[float, ...], ...]
+
+#: Any value does, as only lens / sensor matters; Blender's own default.
+_SENSOR_MM = 36.0
+#: Pixels of empty border round the subject, so that the denoiser sees the background.
+_BORDER_MARGIN_PX = 8
+
+
+@dataclass(frozen=True, slots=True)
+class BlenderCamera:
+    """A camera object's settings.
+
+    Attributes:
+        matrix_world: 4x4, Blender camera axes to Blender's world.
+        lens_mm: Focal length for a sensor fitted to the picture's width.
+        sensor_mm: Width of that sensor.
+        shift_x: Principal point's offset from the middle, as a share of the picture's width.
+        shift_y: The same downward, also as a share of the width.
+    """
+
+    matrix_world: Matrix
+    lens_mm: float
+    sensor_mm: float
+    shift_x: float
+    shift_y: float
+
+    @classmethod
+    def from_camera(cls, camera: Camera) -> BlenderCamera:
+        """The Blender camera with the same rays.
+
+        Raises:
+            DataError: skewed or non-square pixels, which Blender's camera does not have.
+        """
+        K = camera.K
+        if K[0, 1] != 0 or not math.isclose(K[0, 0], K[1, 1], rel_tol=1e-9):
+            raise DataError(
+                "Blender cannot render this camera",
+                expected="square pixels without skew",
+                got=f"fx {K[0, 0]}, fy {K[1, 1]}, skew {K[0, 1]}",
+            )
+        width, height = camera.width, camera.height
+        return cls(
+            matrix_world=_matrix(camera_to_blender(camera)),
+            lens_mm=float(K[0, 0] * _SENSOR_MM / width),
+            sensor_mm=_SENSOR_MM,
+            # Our pixel (0.5, 0.5) is the first pixel's centre, so the middle is half the size.
+            shift_x=float((width / 2 - K[0, 2]) / width),
+            shift_y=float((K[1, 2] - height / 2) / width),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class KeyLight:
+    """A square area light, seen by the surface but not by the camera.
+
+    Attributes:
+        matrix_world: 4x4; it shines along its own -Z.
+        side_m: Side length.
+        power_w: What Blender calls power; the radiance of an area light is power / (pi * area).
+    """
+
+    matrix_world: Matrix
+    side_m: float
+    power_w: float
+
+
+@dataclass(frozen=True, slots=True)
+class BlenderView:
+    """One picture.
+
+    Attributes:
+        file: Where it goes below the capture's folder.
+        camera: What takes it.
+        key_light: The light that goes with the camera, or None.
+        border: Left, bottom, right, top of the part that is rendered, as shares of the picture;
+            the rest stays empty. None when the subject is outside.
+        seed: Of the light paths.
+    """
+
+    file: str
+    camera: BlenderCamera
+    key_light: KeyLight | None
+    border: tuple[float, float, float, float] | None
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """All that the worker is told besides the mesh.
+
+    Attributes:
+        views: The pictures, in order.
+        width: Pixels.
+        height: Pixels.
+        samples: Light paths per pixel. All are taken everywhere: stopping early where the
+            estimate looks settled would leave alpha with fewer steps at the edges.
+        denoise: Whether Open Image Denoise runs on colour; it never touches alpha.
+        ambient: Radiance of the uniform world.
+        diffuse_bounces: Reflections of light between surfaces; without them folds are black.
+    """
+
+    views: tuple[BlenderView, ...]
+    width: int
+    height: int
+    samples: int
+    denoise: bool
+    ambient: float
+    diffuse_bounces: int = 2
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON values; ``Scene.from_dict`` reads them back."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, value: Mapping[str, Any]) -> Scene:
+        """The scene that ``to_dict`` wrote."""
+        views = tuple(
+            BlenderView(
+                file=view["file"],
+                camera=BlenderCamera(**view["camera"]),
+                key_light=KeyLight(**view["key_light"]) if view["key_light"] else None,
+                border=tuple(view["border"]) if view["border"] else None,
+                seed=view["seed"],
+            )
+            for view in value["views"]
+        )
+        return cls(**{**value, "views": views})
+
+
+def describe(mesh: Mesh, recipe: RenderRecipe) -> Scene:
+    """The scene that photographs a mesh (world metres) by a recipe."""
+    return Scene(
+        views=tuple(
+            BlenderView(
+                file=image_name(view),
+                camera=BlenderCamera.from_camera(camera),
+                key_light=_key_light(camera, recipe.key_light_strength),
+                border=_border(mesh, camera),
+                seed=derive_seed(recipe.seed, "render", view) % 2**31,
+            )
+            for view, camera in enumerate(recipe.cameras())
+        ),
+        width=recipe.width,
+        height=recipe.height,
+        samples=recipe.samples,
+        denoise=recipe.denoise,
+        ambient=recipe.light_strength,
+    )
+
+
+def vertices_in_blender(mesh: Mesh) -> NDArray[np.float32]:
+    """(V, 3) the mesh's vertices in Blender's world."""
+    # The change of axes is a permutation, so its transpose undoes it.
+    return (mesh.vertices @ BLENDER_TO_WORLD[:3, :3]).astype(np.float32)
+
+
+def _key_light(camera: Camera, strength: float) -> KeyLight | None:
+    if strength <= 0:
+        return None
+    position = key_light_position(camera)
+    # A light shines where a camera in its place would look.
+    aim = Camera(K=np.eye(3), world_to_camera=look_at(position, (0, 0, 0)), width=1, height=1)
+    radiance = square_light_radiance(strength, float(np.linalg.norm(position)))
+    return KeyLight(
+        matrix_world=_matrix(camera_to_blender(aim)),
+        side_m=KEY_SIDE_M,
+        power_w=radiance * math.pi * KEY_SIDE_M**2,
+    )
+
+
+def _border(mesh: Mesh, camera: Camera) -> tuple[float, float, float, float] | None:
+    window = screen_rectangle(mesh.vertices, camera, margin=_BORDER_MARGIN_PX)
+    if window.empty:
+        return None
+    return (
+        window.left / camera.width,
+        1.0 - (window.top + window.height) / camera.height,
+        (window.left + window.width) / camera.width,
+        1.0 - window.top / camera.height,
+    )
+
+
+def _matrix(transform: Floats) -> Matrix:
+    return tuple(tuple(float(number) for number in row) for row in transform)

@@ -1,0 +1,17 @@
+"""The renderers by name; nothing is imported before one is asked for."""
+
+from __future__ import annotations
+
+from harness.core.registry import Registry
+
+__all__ = ["RENDERERS"]
+
+RENDERERS = Registry(
+    "renderer",
+    {
+        # Path-traced photographs, in Blender's own process.
+        "blender": "renderers.blender.job:BlenderRenderer",
+        # First hits with plain shading: fast, needs no Blender.
+        "raycast": "renderers.raycast:RaycastRenderer",
+    },
+)

@@ -1,0 +1,84 @@
+"""What a renderer is: a textured mesh and a recipe go in, RGBA files come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from harness.core.errors import DataError
+from harness.core.mesh import Mesh
+from harness.core.settings import RenderRecipe
+
+__all__ = ["Progress", "RenderOutcome", "Renderer", "silent", "texture_of"]
+
+#: Called with (views done, views in all).
+Progress = Callable[[int, int], None]
+
+
+def silent(_done: int, _total: int) -> None:
+    """Progress that nobody wants to hear of."""
+
+
+@dataclass(frozen=True, slots=True)
+class RenderOutcome:
+    """What a renderer says of its work.
+
+    Attributes:
+        device: What computed the pictures, such as ``CPU (2 threads)`` or a GPU's name.
+        warnings: What a reader of the capture should know.
+    """
+
+    device: str
+    warnings: tuple[str, ...] = ()
+
+
+class Renderer(Protocol):
+    """Photographs a mesh. Found by name in ``renderers.catalog``; made without arguments."""
+
+    @property
+    def version(self) -> str:
+        """Changes whenever equal recipes may give other pictures; part of a capture's key.
+
+        Raises:
+            MissingPart: the program behind the renderer is not installed.
+        """
+        ...
+
+    def render(
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+    ) -> RenderOutcome:
+        """Write ``rgb/00.png`` and so on below ``directory``, one per camera of the recipe.
+
+        8-bit RGBA: sRGB colour, not premultiplied; alpha is the share of the pixel's square that
+        the mesh covers. Equal arguments give equal files on one machine.
+
+        Args:
+            mesh: World metres, with texture.
+            recipe: Cameras, light and quality.
+            directory: An existing folder.
+            progress: Told after every view.
+
+        Raises:
+            DataError: the mesh has no texture, or its image cannot be read.
+            MethodError: the renderer died.
+            MissingPart: the program behind it is not installed.
+        """
+        ...
+
+
+def texture_of(mesh: Mesh) -> Path:
+    """The image file of a mesh's texture.
+
+    Raises:
+        DataError: the mesh has none, or the file is not there.
+    """
+    if mesh.texture is None or mesh.uv is None:
+        raise DataError(
+            f"{mesh.source} has no texture to photograph",
+            hint="Load it with its texture: an OBJ with vt records and a material's map_Kd image",
+        )
+    if not mesh.texture.is_file():
+        raise DataError(f"the texture of {mesh.source} is missing", expected=str(mesh.texture))
+    return mesh.texture

@@ -1,0 +1,101 @@
+"""A renderer without Blender: first hits, textured Lambert shading, no shadows.
+
+For tests, previews and machines without Blender; ``renderers/studio.py`` has the light.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import image_name
+from harness.core.camera import Camera
+from harness.core.mesh import Mesh
+from harness.core.settings import RenderRecipe
+from harness.geometry.images import linear_from_srgb, load_rgb, save_png, srgb_from_linear
+from harness.geometry.raycast import Hits, Raycaster
+from renderers.protocol import Progress, RenderOutcome, texture_of
+from renderers.studio import key_light_position
+
+__all__ = ["RaycastRenderer"]
+
+Floats = NDArray[np.float64]
+
+_VERSION = 1
+#: Rays along each side of a pixel. Odd, so that half-covered pixels do not tie.
+_SUPERSAMPLE = 3
+
+
+class RaycastRenderer:
+    """Casts nine rays a pixel with Open3D; samples, denoiser and seed do not matter to it."""
+
+    @property
+    def version(self) -> str:
+        """Ours and Open3D's."""
+        return f"{_VERSION} (open3d {version('open3d')})"
+
+    def render(
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+    ) -> RenderOutcome:
+        """See ``Renderer.render``."""
+        texture = linear_from_srgb(np.arange(256) / 255.0)[load_rgb(texture_of(mesh))]
+        caster = Raycaster(mesh)
+        cameras = recipe.cameras()
+        for view, camera in enumerate(cameras):
+            save_png(directory / image_name(view), _picture(caster, texture, camera, recipe))
+            progress(view + 1, len(cameras))
+        return RenderOutcome(device="CPU")
+
+
+def _picture(
+    caster: Raycaster, texture: Floats, camera: Camera, recipe: RenderRecipe
+) -> NDArray[np.uint8]:
+    """(H, W, 4) uint8, shaded finely within the mesh's window only."""
+    picture = np.zeros((camera.height, camera.width, 4), dtype=np.uint8)
+    window = caster.window(camera)
+    if window.empty:
+        return picture
+    fine = camera.cropped(window.left, window.top, window.width, window.height).resized(
+        window.width * _SUPERSAMPLE, window.height * _SUPERSAMPLE
+    )
+    hits = caster.cast(fine)
+    colour = _texture_at(hits, caster.mesh, texture) * _light(hits, caster, fine, recipe)[..., None]
+    blocks = (window.height, _SUPERSAMPLE, window.width, _SUPERSAMPLE)
+    alpha = hits.mask.reshape(blocks).mean(axis=(1, 3))[..., None]
+    premultiplied = colour.reshape(*blocks, 3).mean(axis=(1, 3))
+    straight = premultiplied / np.where(alpha > 0, alpha, 1.0)
+    rgba = np.concatenate([srgb_from_linear(np.clip(straight, 0, 1)), alpha], axis=2)
+    picture[window.slices] = np.round(rgba * 255).astype(np.uint8)
+    return picture
+
+
+def _light(hits: Hits, caster: Raycaster, camera: Camera, recipe: RenderRecipe) -> Floats:
+    """(H, W) light that reaches each hit: even light and key light, both sides lit alike."""
+    normals_world = caster.normals_at(hits, camera, "world")
+    view = camera.ray_directions(camera.pixel_centres().reshape(-1, 2)).reshape(normals_world.shape)
+    away = (normals_world * view).sum(axis=2) > 0
+    normals_world[away] *= -1
+    toward_key = key_light_position(camera)
+    facing = np.maximum(normals_world @ (toward_key / np.linalg.norm(toward_key)), 0.0)
+    return recipe.light_strength + recipe.key_light_strength * facing
+
+
+def _texture_at(hits: Hits, mesh: Mesh, texture: Floats) -> Floats:
+    """(H, W, 3) linear colour at every hit, bilinear, repeating; 0 where nothing is met."""
+    from scipy.ndimage import map_coordinates
+
+    assert mesh.uv is not None
+    assert mesh.face_uv is not None
+    height, width, _ = texture.shape
+    u, v = np.moveaxis(hits.interpolate(mesh.uv, mesh.face_uv)[hits.mask], 1, 0)
+    # The texture's v grows upward and texel centres lie at half steps.
+    where = np.stack([(1.0 - v) * height - 0.5, u * width - 0.5])
+    colour = np.zeros((*hits.mask.shape, 3))
+    for channel in range(3):
+        colour[hits.mask, channel] = map_coordinates(
+            texture[..., channel], where, order=1, mode="grid-wrap"
+        )
+    return colour

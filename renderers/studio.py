@@ -1,0 +1,44 @@
+"""The studio: a turntable under fixed lamps.
+
+Light comes evenly from everywhere, so that colours stay the texture's; a large soft key light
+stands at the upper left of the camera and casts the shade in which folds show. The key light
+belongs to the camera (the subject turns, the studio does not): every view is lit alike, as the
+photographs are that pictures of single people come from.
+
+Both strengths have one unit: what a white, unshaded surface that faces the light radiates. A sum
+of 1 therefore just reaches the picture's white.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.camera import Camera
+
+__all__ = ["KEY_SIDE_M", "key_light_position", "square_light_radiance"]
+
+Floats = NDArray[np.float64]
+
+#: Side of the square key light, metres.
+KEY_SIDE_M = 1.6
+#: Where it stands from the camera: right, down, forward, as shares of the camera's distance.
+_KEY_OFFSET = (-0.55, -0.65, 0.15)
+
+
+def key_light_position(camera: Camera) -> Floats:
+    """(3,) world metres of the key light's centre; it is aimed at the world's origin."""
+    distance = float(np.linalg.norm(camera.position))
+    return camera.position + distance * np.array(_KEY_OFFSET) @ camera.rotation
+
+
+def square_light_radiance(strength: float, distance_m: float, side_m: float = KEY_SIDE_M) -> float:
+    """Radiance of a square light that makes a facing white surface radiate ``strength``.
+
+    ``strength`` over the form factor from a small surface to a centred, parallel square:
+    F = 4/pi * s * atan(s), with s = sin of the half side's angle (Howell, configuration C-3).
+    """
+    s = math.sin(math.atan2(side_m / 2, distance_m))
+    return strength / (4 / math.pi * s * math.atan(s))
