@@ -66,11 +66,12 @@ def solve(
     the length of the right-hand side. One step here does the work of two on the whole system.
     """
     diagonal = system.diagonal.ravel()
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    free = diagonal <= 0  # no equation: out of the system, and back to its start at the end
+    scale = 1.0 / np.sqrt(np.where(free, 1.0, diagonal))
     target = system.target.ravel() * scale
     from_black, from_red = _red_black(system.ties(), scale)
 
-    red = start.ravel()[0::2] / scale[0::2]
+    red = (np.where(free, 0.0, start.ravel()) / scale)[0::2]
     reduced = target[0::2] + from_black @ target[1::2]
     residual = reduced - red + from_black @ (from_red @ red)
     limit = tolerance * float(np.linalg.norm(system.target))
@@ -86,7 +87,7 @@ def solve(
     values[0::2] = red + correction
     values[1::2] = target[1::2] + from_red @ values[0::2]
     values *= scale
-    values = np.where(diagonal > 0, values, start.ravel())
+    values[free] = start.ravel()[free]
     return values.reshape(start.shape), steps
 
 
