@@ -20,10 +20,9 @@ from harness.cli.options import (
 from harness.core.errors import HarnessError
 
 if TYPE_CHECKING:
-    from metrics.score import Score
-
     from harness.core.settings import MetricProtocol
     from harness.data.manifest import Manifest
+    from metrics.score import Score
 
 __all__ = ["score"]
 
@@ -115,8 +114,17 @@ def _write_points(path: Path, outcome: Score) -> None:
 
     from harness.core.files import atomic_path
 
+    arrays = {}
+    for side, errors in (
+        ("predicted", outcome.predicted_points),
+        ("truth", outcome.truth_points),
+    ):
+        if errors is not None:
+            arrays[f"{side}_points"] = errors.points
+            arrays[f"{side}_distances_mm"] = errors.distances_mm
+            arrays[f"{side}_normal_errors_deg"] = errors.normal_errors_deg
     with atomic_path(path.with_suffix(".npz")) as temporary:
-        np.savez_compressed(temporary, **outcome.points)
+        np.savez_compressed(temporary, **arrays)
 
 
 def _folder(

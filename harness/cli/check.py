@@ -1,0 +1,56 @@
+"""``harness check``: have the numbers moved?"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.options import Json, Run, WorkspacePath
+
+__all__ = ["check"]
+
+
+def check(
+    baseline: Annotated[Path, typer.Argument(help="The stored numbers.")],
+    run: Run = None,
+    update: Annotated[
+        bool, typer.Option("--update", help="Write the present numbers as the baseline.")
+    ] = False,
+    summary: Annotated[
+        Path | None,
+        typer.Option(
+            "--summary",
+            help="Append the outcome to this Markdown file.",
+            envvar="GITHUB_STEP_SUMMARY",
+        ),
+    ] = None,
+    workspace: WorkspacePath = None,
+    as_json: Json = False,
+) -> None:
+    """Compare a run's records with a baseline; exit 1 when a number moved or is missing."""
+    from harness.pipeline.baseline import Baseline
+    from harness.pipeline.baseline import update as new_baseline
+    from harness.pipeline.regress import compare, to_markdown, to_text
+    from harness.pipeline.store import RunStore
+    from harness.pipeline.workspace import Workspace
+
+    records = RunStore.existing(Workspace.default(workspace), run).records()
+    if update:
+        previous = Baseline.load(baseline) if baseline.is_file() else None
+        new_baseline(records, previous).save(baseline)
+        print(f"{len(records)} records written to {baseline}")
+        return
+    comparison = compare(records, Baseline.load(baseline))
+    if summary is not None:
+        with summary.open("a", encoding="utf-8") as stream:
+            stream.write(to_markdown(comparison))
+    if as_json:
+        print(json.dumps({"passed": comparison.passed, **asdict(comparison)}, indent=2))
+    else:
+        print(to_text(comparison), end="")
+    if not comparison.passed:
+        raise typer.Exit(1)

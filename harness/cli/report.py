@@ -1,0 +1,94 @@
+"""``harness report``: records as a table or a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.options import Json, ManifestPath, Run, Subjects, WorkspacePath, split_names
+from harness.core.errors import HarnessError, did_you_mean
+
+if TYPE_CHECKING:
+    from harness.pipeline.store import RunStore
+    from harness.pipeline.workspace import Workspace
+
+__all__ = ["report"]
+
+
+def report(
+    table: Annotated[str, typer.Option("--table", help="geometry or cost.")] = "geometry",
+    form: Annotated[
+        str, typer.Option("--format", help="markdown, latex, csv or json.")
+    ] = "markdown",
+    run: Run = None,
+    method: Annotated[
+        str, typer.Option("--method", help="Rows in this order. Default: all methods.")
+    ] = "",
+    subjects: Subjects = "",
+    interval: Annotated[
+        bool, typer.Option("--interval", help="Bootstrap 95 % interval over subjects.")
+    ] = False,
+    published: Annotated[
+        bool, typer.Option("--published", help="The paper's own numbers, as a marked block.")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write to this file.")
+    ] = None,
+    figure: Annotated[
+        str, typer.Option("--figure", help="A figure instead: qualitative or overlay.")
+    ] = "",
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Print a table of a run's records, or draw a figure of its meshes."""
+    from harness.core.files import write_text
+    from harness.pipeline.reporting import ReportRequest, build_table
+    from harness.pipeline.store import RunStore
+    from harness.pipeline.workspace import Workspace
+
+    place = Workspace.default(workspace)
+    store = RunStore.existing(place, run)
+    if figure:
+        print(_draw(figure, store, place, manifest, split_names(subjects), output))
+        return
+    request = ReportRequest(
+        table=table,
+        format="json" if as_json else form,
+        methods=split_names(method) or None,
+        subjects=split_names(subjects) or None,
+        interval=interval,
+        published=published,
+    )
+    text = build_table(store.records(), request)
+    if output is None:
+        print(text, end="" if text.endswith("\n") else "\n")
+    else:
+        write_text(output, text)
+        print(output)
+
+
+def _draw(
+    figure: str,
+    store: RunStore,
+    place: Workspace,
+    manifest: Path | None,
+    subjects: tuple[str, ...],
+    output: Path | None,
+) -> Path:
+    from harness.data.manifest import load_manifest
+    from harness.pipeline.pictures import FIGURES
+    from harness.pipeline.sources import Source
+
+    if figure not in FIGURES:
+        raise HarnessError(f"unknown figure '{figure}'", hint=did_you_mean(figure, FIGURES))
+    records = store.records()
+    photographed = [record for record in records if record.recipe]
+    if not photographed:
+        raise HarnessError(f"{store.directory} has no record of photos", hint="Run 'harness eval'")
+    first = photographed[0]
+    chosen = subjects or tuple(dict.fromkeys(record.subject for record in photographed))
+    source = Source.select(load_manifest(manifest), place, first.dataset, chosen, first.recipe)
+    return FIGURES[figure](store, source, records, output or store.directory / f"{figure}.png")

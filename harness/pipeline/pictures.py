@@ -1,0 +1,89 @@
+"""Figures of a run: loads photos, scans and meshes, measures errors, hands them to the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.artifacts import Capture
+from harness.core.errors import HarnessError
+from harness.core.mesh import Mesh
+from harness.core.mesh_files import load_mesh
+from harness.core.records import Record
+from harness.core.units import MM_PER_METRE
+from harness.pipeline.sources import Source
+from harness.pipeline.store import RunStore
+
+__all__ = ["FIGURES", "overlay", "qualitative"]
+
+#: Errors beyond this share of all vertices take the last colour.
+_SCALE_PERCENTILE = 98.0
+_LEAST_SCALE_MM = 1.0
+
+
+def qualitative(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """Photo, every method's mesh, truth and error maps of the source's subjects, as one figure.
+
+    Only methods that succeeded on all of these subjects are shown.
+
+    Raises:
+        HarnessError: no method did.
+    """
+    from reports.figures import MethodMesh, SubjectPanels, qualitative_grid
+    from reports.shading import ErrorScale
+
+    titles = _complete_methods(records, source.subjects)
+    panels, largest = [], _LEAST_SCALE_MM
+    for subject in source.subjects:
+        _, truth = source.load(subject)
+        meshes = []
+        for method, title in titles.items():
+            mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
+            errors = _vertex_errors_mm(mesh, truth)
+            largest = max(largest, float(np.percentile(errors, _SCALE_PERCENTILE)))
+            meshes.append(MethodMesh(title, mesh, errors))
+        capture = Capture.load(source.capture_directory(subject))
+        panels.append(SubjectPanels(capture, truth, tuple(meshes)))
+    qualitative_grid(panels, path, ErrorScale(limit_mm=largest))
+    return path
+
+
+def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """The mesh of the first method that succeeded, over all photos of the first subject."""
+    from reports.figures import overlay_figure
+
+    subject = source.subjects[0]
+    method = next(iter(_complete_methods(records, (subject,))))
+    mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
+    overlay_figure(mesh, Capture.load(source.capture_directory(subject)), path)
+    return path
+
+
+#: Figures by name.
+FIGURES = {"qualitative": qualitative, "overlay": overlay}
+
+
+def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dict[str, str]:
+    """Titles by name of the methods with an ``ok`` record of every subject."""
+    titles: dict[str, str] = {}
+    done: dict[str, set[str]] = {}
+    for record in records:
+        if record.status == "ok":
+            titles[record.method_name] = str(record.method["title"])
+            done.setdefault(record.method_name, set()).add(record.subject)
+    complete = {name: title for name, title in titles.items() if done[name] >= set(subjects)}
+    if not complete:
+        raise HarnessError(
+            f"no method reconstructed all of {', '.join(subjects)}",
+            hint="Name fewer subjects with --subjects, or see 'harness report' for the reasons",
+        )
+    return complete
+
+
+def _vertex_errors_mm(mesh: Mesh, truth: Mesh) -> np.ndarray:
+    from harness.geometry.surface import SurfaceIndex
+
+    _, distances = SurfaceIndex(truth).closest(mesh.vertices)
+    return distances * MM_PER_METRE
