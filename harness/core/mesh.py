@@ -65,18 +65,18 @@ class Mesh:
                 object.__setattr__(self, name, np.ascontiguousarray(array, dtype=dtype))
 
     def _check_shapes(self) -> None:
-        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or len(self.vertices) == 0:
-            raise DataError(
-                f"{self.source} has no usable vertices",
-                expected="an array (V, 3)",
-                got=str(self.vertices.shape),
-            )
         if self.faces.ndim != 2 or self.faces.shape[1] != 3 or len(self.faces) == 0:
             raise DataError(
                 f"{self.source} has no faces",
                 expected="at least one triangle",
                 got=f"faces of shape {self.faces.shape} on {len(self.vertices)} vertices",
                 hint="A point cloud has to be meshed before it can be measured",
+            )
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or len(self.vertices) == 0:
+            raise DataError(
+                f"{self.source} has no usable vertices",
+                expected="an array (V, 3)",
+                got=str(self.vertices.shape),
             )
         if (self.uv is None) != (self.face_uv is None):
             raise DataError(f"{self.source} has texture coordinates without their indices")

@@ -57,9 +57,11 @@ def read_glb(path: Path) -> Mesh:
         ]
         if compressed:
             raise DataError(
-                f"{path} needs {', '.join(compressed)}", hint="Export it again without compression"
+                f"needs {', '.join(compressed)}", hint="Export it again without compression"
             )
         pieces = [piece for node in _roots(glb) for piece in _node(glb, node, np.eye(4))]
+    except DataError as error:
+        raise error.located(path) from error
     except RecursionError as error:
         raise DataError(f"{path} has a node that is its own ancestor") from error
     except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:

@@ -67,7 +67,9 @@ def read_ply(path: Path) -> Mesh:
         )
         faces = _triangles(tables)
     except (ValueError, IndexError) as error:
-        raise DataError(f"{path} is truncated or broken", got=str(error)) from error
+        # numpy adds advice to a programmer after a semicolon.
+        got = str(error).split(";")[0]
+        raise DataError(f"{path} is truncated or broken", got=got) from error
     return Mesh(vertices=_positions(tables, path), faces=faces, source=str(path))
 
 
