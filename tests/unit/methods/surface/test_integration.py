@@ -56,7 +56,7 @@ def test_plane(perspective, camera_matrix) -> None:
 
 @pytest.mark.parametrize("perspective", [False, True])
 def test_step(perspective, camera_matrix, log_relief) -> None:
-    """A slit in the middle: to its right the surface rises by a tenth of the size, then dies out."""
+    """A slit: to its right the surface rises by a tenth of the size, and dies out further on."""
     size = 192
     height = 0.1 * size
     K = camera_matrix(size, 2.0) if perspective else None
