@@ -72,7 +72,7 @@ class VisualHull:
             outlines = [
                 _Outline(
                     capture.cameras[view],
-                    load_mask(capture.image_path(view), capture.cameras[view]),
+                    load_mask(capture.image_path(view), capture.cameras[view].size),
                 )
                 for view in views
             ]
@@ -119,11 +119,16 @@ def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Float
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _hull_distance(outlines: list[_Outline], points: Floats) -> Field:
-    """Least signed distance over the views; points outside one view are not asked of the next."""
+def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -> Field:
+    """Least signed distance over the views (N,); a point that one view sees further than
+    ``outside_m`` outside is not asked of the next, so that its value is an upper bound.
+    """
     distance = np.full(len(points), np.inf, dtype=np.float32)
+    open_points = np.arange(len(points))
     for outline in outlines:
-        np.minimum(distance, outline.distance_m(points), out=distance)
+        seen = outline.distance_m(points[open_points])
+        distance[open_points] = np.minimum(distance[open_points], seen)
+        open_points = open_points[distance[open_points] > -outside_m]
     return distance
 
 
@@ -133,10 +138,10 @@ def _carve(outlines: list[_Outline], settings: HullSettings) -> tuple[Floats, Fi
     half = np.array([settings.half_width_m, settings.half_height_m, settings.half_width_m])
     counts = tuple(int(n) for n in np.ceil(2 * half / edge))
     centres = _lattice(-half + edge / 2, counts, edge)
-    coarse = _hull_distance(outlines, centres).reshape(counts)
     # The distance to a cone changes by at most about the distance moved: half a block's diagonal
     # away, its sign cannot change. The factor covers the change of depth and the pixel grid.
     reach = 1.2 * edge * np.sqrt(3) / 2 + settings.voxel_m
+    coarse = _hull_distance(outlines, centres, reach).reshape(counts)
     active = np.argwhere(np.abs(coarse) <= reach)
     if not len(active):
         raise MethodError(
@@ -154,7 +159,7 @@ def _carve(outlines: list[_Outline], settings: HullSettings) -> tuple[Floats, Fi
     for chunk in np.array_split(active - low, max(1, len(active) // 2000)):
         index = (chunk[:, None, :] * settings.block + offsets[None]).reshape(-1, 3)
         points = origin + settings.voxel_m * index
-        field[tuple(index.T)] = _hull_distance(outlines, points)
+        field[tuple(index.T)] = _hull_distance(outlines, points, 2 * settings.voxel_m)
     return origin, field
 
 

@@ -84,16 +84,7 @@ def _pair(
     if points is not None:
         _write_points(points, outcome)
     if as_json:
-        document = {
-            "protocol": rule.name,
-            "protocol_version": rule.version,
-            "protocol_sha": rule.sha,
-            "predicted": str(predicted),
-            "truth": str(truth),
-            "metrics": {key: value.to_dict() for key, value in outcome.metrics.items()},
-            "diagnostics": outcome.diagnostics,
-            "warnings": list(outcome.warnings),
-        }
+        document = {**outcome.to_dict(), "predicted": str(predicted), "truth": str(truth)}
         print(json.dumps(document, indent=2, allow_nan=False))
         return
     from harness.core.metric_catalog import METRICS
