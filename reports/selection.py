@@ -161,8 +161,8 @@ def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) ->
     method: Mapping[str, object] = described.method if described else {}
     privileges = tuple(str(entry) for entry in method.get("privileges", ()))  # type: ignore[attr-defined]
     notes = (
-        _parts_note(method),
         f"Given: {', '.join(privileges).replace('_', ' ')}" if privileges else "",
+        _parts_note(method),
         "Meshes made elsewhere" if ok and not all(record.recipe for record in ok) else "",
         *_absence_notes(records, subjects),
     )

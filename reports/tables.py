@@ -135,8 +135,8 @@ class Table:
         return {text: footnote_mark(index) for index, text in enumerate(texts)}
 
     def marks(self, row: Row) -> tuple[str, ...]:
-        """The footnote marks of a row."""
-        return tuple(self.footnotes[note] for note in row.notes)
+        """The footnote marks of a row, in their own order."""
+        return tuple(mark for text, mark in self.footnotes.items() if text in row.notes)
 
     @property
     def complete(self) -> bool:
@@ -167,6 +167,8 @@ class Table:
             sentences.append("Brackets: 95 % bootstrap interval of the mean over subjects")
         if any(column.ranked for column in self.columns):
             sentences.append("Lower is better, best in bold")
+            if not all(row.competes for row in self.rows):
+                sentences.append("A row that is given the ground truth is not ranked")
         return ". ".join((*sentences, *self.remarks)) + "."
 
 

@@ -1,0 +1,156 @@
+"""Figures: methods side by side with their errors, and a mesh over the photos it came from.
+
+Meshes are seen through the capture's own cameras; nothing is drawn on a screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture
+from harness.core.errors import HarnessError
+from harness.core.mesh import Mesh
+from harness.geometry.raycast import Raycaster
+from reports.panels import Window, canvas, on_white, photo, save, show, windows
+from reports.shading import ErrorScale, heat, shaded
+
+__all__ = ["MethodMesh", "SubjectPanels", "overlay_figure", "qualitative_grid"]
+
+Floats = NDArray[np.float64]
+
+_PANEL_INCH = 2.8
+_OVERLAY_INCH = 4.0
+#: Meshes are drawn at least this high, however small the photos are.
+_LEAST_HEIGHT = 600
+_FILL = 0.4
+_OUTLINE = "#00c030"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodMesh:
+    """One method's mesh of a subject.
+
+    Attributes:
+        title: Above its column.
+        mesh: World metres.
+        errors_mm: (V,) distance of each vertex to the true surface, or None for no error map.
+    """
+
+    title: str
+    mesh: Mesh
+    errors_mm: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SubjectPanels:
+    """One subject's rows of the grid: its photos, its scan and what the methods made of it."""
+
+    capture: Capture
+    truth: Mesh
+    methods: tuple[MethodMesh, ...]
+
+
+def qualitative_grid(
+    subjects: Sequence[SubjectPanels],
+    path: Path,
+    scale: ErrorScale,
+    views: tuple[int, int] = (0, 4),
+) -> None:
+    """Write the figure: photo, each method, scan; from the front, from the back, and as errors.
+
+    All panels have one scale and all panels of a row one camera and one crop.
+
+    Args:
+        subjects: Three rows each; all with the same methods in the same order.
+        path: PNG, PDF or SVG, by its extension.
+        scale: Colours of the errors, for the whole figure.
+        views: Front and back view of the captures.
+
+    Raises:
+        HarnessError: no subjects, or not the same methods for all.
+        DataError: a photo that is not usable, or errors that do not fit their mesh.
+    """
+    titles = [[method.title for method in subject.methods] for subject in subjects]
+    if not titles or any(row != titles[0] for row in titles):
+        raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
+    columns = ["Photo", *titles[0], "Ground truth"]
+    frames = windows([(s.truth, s.capture.cameras[view]) for s in subjects for view in views])
+    figure, axes = canvas((3 * len(subjects), len(columns)), frames[0], _PANEL_INCH)
+    for axis, title in zip(axes[0], columns, strict=True):
+        axis.set_title(title, fontsize=9)
+    for index, subject in enumerate(subjects):
+        rows = axes[3 * index : 3 * index + 3]
+        _draw_subject(subject, rows, dict(zip(views, frames[2 * index :], strict=False)), scale)
+    _colour_bar(figure, axes, scale)
+    save(figure, path)
+
+
+def _draw_subject(
+    subject: SubjectPanels, rows: Any, frames: dict[int, Window], scale: ErrorScale
+) -> None:
+    casters = [Raycaster(mesh) for mesh in (*(m.mesh for m in subject.methods), subject.truth)]
+    cameras = {
+        view: frame.of_camera(subject.capture.cameras[view], _LEAST_HEIGHT)
+        for view, frame in frames.items()
+    }
+    for row, (view, frame) in zip(rows, frames.items(), strict=False):
+        row[0].set_ylabel(f"{subject.capture.subject}, view {view}", fontsize=9)
+        show(row[0], frame.of_image(photo(subject.capture, view)))
+        for axis, caster in zip(row[1:], casters, strict=True):
+            show(axis, on_white(shaded(caster, cameras[view])))
+    front = next(iter(frames))
+    rows[2][0].set_ylabel(f"{subject.capture.subject}, error, view {front}", fontsize=9)
+    for axis, caster, method in zip(rows[2][1:], casters, subject.methods, strict=False):
+        if method.errors_mm is not None:
+            show(axis, on_white(heat(caster, cameras[front], method.errors_mm, scale)))
+
+
+def _colour_bar(figure: Any, axes: Any, scale: ErrorScale) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    colours = ScalarMappable(Normalize(0.0, scale.limit_mm), scale.colours)
+    # At most as long as two rows, however many subjects there are.
+    share = min(0.6, 2.0 / len(axes))
+    bar = figure.colorbar(colours, ax=axes, shrink=share, aspect=25, extend="max")
+    bar.set_label("distance to the true surface (mm)", fontsize=9)
+
+
+def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -> None:
+    """Write the mesh over every photo of a capture, seen by the photo's own camera.
+
+    The line is the outline of the mesh at half coverage. Where camera, mesh and photo agree it runs
+    along the subject's edge.
+
+    Args:
+        mesh: World metres; a scan, or a reconstruction.
+        capture: Photos and cameras.
+        path: PNG, PDF or SVG, by its extension.
+        columns: Views beside each other.
+
+    Raises:
+        DataError: a photo that is not usable, or the file cannot be written.
+    """
+    count = len(capture.cameras)
+    columns = min(columns, count)
+    frames = windows([(mesh, camera) for camera in capture.cameras])
+    figure, axes = canvas((-(-count // columns), columns), frames[0], _OVERLAY_INCH)
+    caster = Raycaster(mesh)
+    for view, (axis, frame) in enumerate(zip(axes.flat, frames, strict=False)):
+        clay = shaded(caster, frame.of_camera(capture.cameras[view]))
+        show(axis, _blended(frame.of_image(photo(capture, view)), clay))
+        axis.contour(clay[..., 3], levels=[0.5], colors=_OUTLINE, linewidths=0.7)
+        axis.set_title(f"{capture.subject}, view {view}", fontsize=9)
+    save(figure, path)
+
+
+def _blended(image: Floats, clay: Floats) -> Floats:
+    """An image (H, W, 3) with a shaded mesh (H, W, 4) laid half transparent over it."""
+    fill = _FILL * clay[..., 3:]
+    return image * (1.0 - fill) + clay[..., :3] * fill

@@ -1,0 +1,115 @@
+"""What all figures share: photos on white, one window for all panels, a canvas without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture
+from harness.core.camera import Camera
+from harness.core.files import atomic_path
+from harness.core.mesh import Mesh
+from harness.geometry.images import composite, load_rgba
+from harness.geometry.screen import screen_rectangle
+
+__all__ = ["Window", "canvas", "on_white", "photo", "save", "show", "windows"]
+
+Floats = NDArray[np.float64]
+
+_DPI = 150
+_MARGIN = 0.06
+#: Room beside the panels for row labels and the colour bar, inches.
+_SIDE_INCH = 1.2
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A rectangle of a picture, in whole pixels; it may reach outside."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def of_camera(self, camera: Camera, least_height: int = 1) -> Camera:
+        """The camera of the window, enlarged by whole factors to at least some height in pixels."""
+        cropped = camera.cropped(self.left, self.top, self.width, self.height)
+        factor = -(-least_height // self.height)
+        return cropped.resized(self.width * factor, self.height * factor)
+
+    def of_image(self, image: Floats) -> Floats:
+        """The window of an image (H, W, 3), white where it reaches outside."""
+        inside = np.ones((self.height, self.width, image.shape[2]))
+        top, left = max(self.top, 0), max(self.left, 0)
+        part = image[top : max(self.top + self.height, 0), left : max(self.left + self.width, 0)]
+        row, column = top - self.top, left - self.left
+        inside[row : row + part.shape[0], column : column + part.shape[1]] = part
+        return inside
+
+
+def windows(scenes: Sequence[tuple[Mesh, Camera]]) -> list[Window]:
+    """A window round the mesh of each scene, all of one size so that all have one scale."""
+    boxes = [screen_rectangle(mesh.vertices, camera) for mesh, camera in scenes]
+    border = round(_MARGIN * max(box.height for box in boxes))
+    width = max(box.width for box in boxes) + 2 * border
+    height = max(box.height for box in boxes) + 2 * border
+    return [
+        Window(
+            left=box.left + (box.width - width) // 2,
+            top=box.top + (box.height - height) // 2,
+            width=width,
+            height=height,
+        )
+        for box in boxes
+    ]
+
+
+def photo(capture: Capture, view: int) -> Floats:
+    """(H, W, 3) in [0, 1]: a view of the capture on white.
+
+    Raises:
+        DataError: an image that is not usable.
+    """
+    camera = capture.cameras[view]
+    rgba = load_rgba(capture.image_path(view), (camera.width, camera.height))
+    return composite(rgba, (1.0, 1.0, 1.0))
+
+
+def on_white(rgba: Floats) -> Floats:
+    """(H, W, 3) of an image (H, W, 4) in [0, 1]."""
+    return rgba[..., :3] * rgba[..., 3:] + (1.0 - rgba[..., 3:])
+
+
+def canvas(shape: tuple[int, int], window: Window, panel_inch: float) -> tuple[Any, Any]:
+    """A figure and its axes, rows x columns, each ``panel_inch`` high and as wide as a window."""
+    from matplotlib.figure import Figure
+
+    rows, columns = shape
+    width = columns * panel_inch * window.width / window.height
+    figure = Figure(
+        figsize=(width + _SIDE_INCH, rows * panel_inch + 0.3), dpi=_DPI, layout="constrained"
+    )
+    figure.get_layout_engine().set(w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.set_frame_on(False)
+    return figure, axes
+
+
+def show(axis: Any, image: Floats) -> None:
+    """Put an image (H, W, 3) in [0, 1] on an axis."""
+    axis.imshow(np.clip(image, 0.0, 1.0), interpolation="antialiased")
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a figure atomically as PNG, PDF or SVG; equal figures give equal files."""
+    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, metadata=undated.get(path.suffix.lower()))

@@ -1,0 +1,41 @@
+"""The tables that the fixed records in ``tests/golden/run`` must give.
+
+After a wanted change of the output, run ``python tests/golden/remake.py`` and read the diff.
+"""
+
+from pathlib import Path
+
+from harness.pipeline.reporting import FORMATS
+from harness.pipeline.store import RunStore
+from reports.cost import cost_table
+from reports.geometry import geometry_table
+
+HERE = Path(__file__).parent
+
+
+def spread(values):
+    """Stands in for the bootstrap, so that these files do not hang on a random stream."""
+    return min(values), max(values)
+
+
+def golden_tables():
+    """File name to text."""
+    records = RunStore(HERE / "run").records()
+    order = ("hull8", "mexecon", "vggt", "gt")
+    tables = {
+        "geometry": geometry_table(records, methods=order),
+        "geometry_intervals": geometry_table(records, methods=order, interval=spread),
+        "geometry_published": geometry_table(records, methods=order, published=True),
+        "geometry_complete": geometry_table(records, methods=("hull8", "gt")),
+        "cost": cost_table(records, methods=order, published=True),
+    }
+    return {
+        f"{name}.{extension}": write(table)
+        for name, table in tables.items()
+        for write, extension in FORMATS.values()
+    }
+
+
+if __name__ == "__main__":
+    for name, text in golden_tables().items():
+        (HERE / name).write_text(text, encoding="utf-8")
