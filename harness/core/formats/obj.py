@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,11 @@ from harness.core.mesh import Mesh
 
 __all__ = ["read_obj", "write_obj"]
 
-Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
+Number = TypeVar("Number", np.float64, np.int64)
+
+_NEWLINE, _SPACE, _TAB, _SLASH = b"\n \t/"
 
 
 def read_obj(path: Path, *, texture: bool) -> Mesh:
@@ -30,13 +34,13 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
         DataError: unreadable numbers, mixed face layouts, several materials or no image although
             a texture is wanted.
     """
-    text = path.read_bytes().replace(b"\r", b"").replace(b"\\\n", b" ")
-    vertices = _numbers(re.findall(rb"^v[ \t]+(.*)$", text, re.MULTILINE), path, "v", np.float64)
-    corners = _Corners(re.findall(rb"^f[ \t]+(.*)$", text, re.MULTILINE), path)
+    records = _Records(path.read_bytes())
+    vertices = _numbers(records.lines(b"v"), path, "v")
+    corners = _Corners(records.lines(b"f"), path)
     faces = corners.triangles(0, len(vertices))
     if not texture:
         return Mesh(vertices=vertices[:, :3], faces=faces, source=str(path))
-    uv = _numbers(re.findall(rb"^vt[ \t]+(.*)$", text, re.MULTILINE), path, "vt", np.float64)
+    uv = _numbers(records.lines(b"vt"), path, "vt")
     if len(uv) == 0 or corners.layout not in ("v/vt", "v/vt/vn"):
         raise DataError(
             f"{path} has no texture coordinates",
@@ -48,73 +52,135 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
         faces=faces,
         uv=uv[:, :2],
         face_uv=corners.triangles(1, len(uv)),
-        texture=_texture_image(path, text),
+        texture=_texture_image(path, records.lines(b"mtllib")),
         source=str(path),
     )
 
 
-def _numbers(lines: list[bytes], path: Path, record: str, kind: type) -> NDArray[np.float64]:
-    """(lines, columns) of the numbers in equal-length lines."""
-    if not lines:
-        return np.zeros((0, 3), dtype=kind)
+class _Records:
+    """An OBJ file's lines by their keyword, found with array operations instead of one by one."""
+
+    def __init__(self, text: bytes) -> None:
+        if b"\r" in text:
+            text = text.replace(b"\r", b"")
+        if b"\\\n" in text:
+            text = text.replace(b"\\\n", b" ")
+        self._text: Bytes = np.frombuffer(text if text.endswith(b"\n") else text + b"\n", np.uint8)
+        ends = np.flatnonzero(self._text == _NEWLINE) + 1
+        self._starts = np.concatenate([[0], ends[:-1]])
+        self._lengths = ends - self._starts
+
+    def lines(self, keyword: bytes) -> Bytes:
+        """The bytes of all lines of a keyword, which is blanked; each ends with a newline."""
+        last = len(self._text) - 1
+        after = self._text[np.minimum(self._starts + len(keyword), last)]
+        chosen = (after == _SPACE) | (after == _TAB)
+        for offset, letter in enumerate(keyword):
+            chosen &= self._text[np.minimum(self._starts + offset, last)] == letter
+        lengths = self._lengths[chosen]
+        found = self._text[np.repeat(chosen, self._lengths)]
+        heads = np.cumsum(lengths) - lengths
+        for offset in range(len(keyword)):
+            found[heads + offset] = _SPACE
+        return found
+
+
+def _word_starts(lines: Bytes) -> Integers:
+    """Where words begin; a line starts with the blank that was its keyword."""
+    is_word = lines > _SPACE
+    return np.flatnonzero(is_word[1:] & ~is_word[:-1]) + 1
+
+
+def _words_per_line(lines: Bytes, word_starts: Integers) -> Integers:
+    ends = np.flatnonzero(lines == _NEWLINE)
+    return np.diff(np.searchsorted(word_starts, ends), prepend=0)
+
+
+def _slashes_per_word(lines: Bytes, word_starts: Integers) -> Integers:
+    slashes = np.flatnonzero(lines == _SLASH)
+    return np.diff(np.searchsorted(slashes, np.append(word_starts, len(lines))))
+
+
+def _parsed(text: bytes, kind: type[Number]) -> NDArray[Number]:
+    """All numbers in a text, or none if anything else is in it."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
-            values = np.fromstring(b" ".join(lines), dtype=kind, sep=" ")
+            return np.fromstring(text, dtype=kind, sep=" ")
         except (DeprecationWarning, ValueError):
-            values = np.zeros(0)
-    columns, rest = divmod(len(values), len(lines))
-    if rest or columns < 2 + (record == "v"):
+            return np.zeros(0, dtype=kind)
+
+
+def _numbers(lines: Bytes, path: Path, keyword: str) -> NDArray[np.float64]:
+    """(lines, columns) of the numbers in lines of equal length."""
+    if len(lines) == 0:
+        return np.zeros((0, 3))
+    counts = _words_per_line(lines, _word_starts(lines))
+    values = _parsed(lines.tobytes(), np.float64)
+    columns = int(counts[0])
+    if (
+        (counts != columns).any()
+        or values.size != columns * len(counts)
+        or columns < 2 + (keyword == "v")
+    ):
         raise DataError(
-            f"{path} has a '{record}' line that is not numbers",
+            f"{path} has a '{keyword}' line that is not numbers",
             expected="the same count of numbers on every such line",
-            got=_first_odd_line(lines),
+            got=_first_odd_line(lines, lambda words: len(words) == columns and _are_numbers(words)),
         )
-    return values.reshape(len(lines), columns)
+    return values.reshape(len(counts), columns)
 
 
-def _first_odd_line(lines: list[bytes]) -> str:
-    usual = len(lines[0].split())
-    for line in lines:
-        words = line.split()
-        try:
-            [float(word) for word in words]
-        except ValueError:
-            return repr(line.decode(errors="replace"))
-        if len(words) != usual:
-            return repr(line.decode(errors="replace"))
-    return repr(lines[0].decode(errors="replace"))
+def _first_odd_line(lines: Bytes, is_sound: Callable[[list[bytes]], bool]) -> str:
+    """The first line whose words are not sound, to show to whoever has to mend the file."""
+    texts = lines.tobytes().splitlines()
+    odd = next((text for text in texts if not is_sound(text.split())), texts[0])
+    return repr(odd.decode(errors="replace").strip())
+
+
+def _are_numbers(words: list[bytes]) -> bool:
+    try:
+        _ = [float(word) for word in words]
+    except ValueError:
+        return False
+    return True
 
 
 class _Corners:
     """The corners of all faces as one table of indices, with how many corners each face has."""
 
-    def __init__(self, lines: list[bytes], path: Path) -> None:
+    def __init__(self, lines: Bytes, path: Path) -> None:
         self.path = path
-        joined = b" ".join(lines)
-        first = lines[0].split()[0] if lines and lines[0].split() else b""
+        words = _word_starts(lines)
+        self.counts = _words_per_line(lines, words)
+        first = (lines[words[0] :][:64].tobytes().split() if len(words) else [b""])[0]
+        slashes = first.count(b"/")
         self.layout = {0: "v", 1: "v/vt", 2: "v//vn" if b"//" in first else "v/vt/vn"}.get(
-            first.count(b"/"), "unknown"
+            slashes, "unknown"
         )
-        per_corner = {"v": 1, "v/vt": 2, "v//vn": 2, "v/vt/vn": 3}.get(self.layout, 0)
-        self.counts = np.fromiter(
-            map(len, map(bytes.split, lines)), dtype=np.int64, count=len(lines)
-        )
-        slashes = joined.count(b"/")
-        table = _numbers([joined.replace(b"/", b" ")], path, "f", np.int64) if lines else None
-        corners = int(self.counts.sum())
-        if lines and (
-            table is None
-            or self.counts.min() < 3
-            or table.size != corners * per_corner
-            or slashes != corners * first.count(b"/")
+        per_corner = {"v": 1, "v/vt": 2, "v//vn": 2, "v/vt/vn": 3}.get(self.layout, 1)
+        table = _parsed(lines.tobytes().replace(b"/", b" "), np.int64)
+        if len(lines) and (
+            self.counts.min() < 3
+            or table.size != len(words) * per_corner
+            or (_slashes_per_word(lines, words) != slashes).any()
         ):
             raise DataError(
                 f"{path} has a face that cannot be read",
                 expected=f"at least three corners of the form {self.layout} on every f line",
-                got=f"{corners} corners in {len(lines)} faces of mixed or broken form",
+                got=_first_odd_line(
+                    lines,
+                    lambda corners: (
+                        len(corners) >= 3
+                        and all(
+                            corner.count(b"/") == slashes
+                            and corner.translate(None, b"/-").isdigit()
+                            for corner in corners
+                        )
+                    ),
+                ),
             )
-        self.table = np.zeros((0, 1), np.int64) if table is None else table.reshape(-1, per_corner)
+        self.table = table.reshape(-1, per_corner)
 
     def triangles(self, column: int, available: int) -> Integers:
         """(F, 3) zero-based indices of one column; negative ones count from the end."""
@@ -131,9 +197,11 @@ class _Corners:
         return indices[np.stack([first, first + step + 1, first + step + 2], axis=1)]
 
 
-def _texture_image(path: Path, text: bytes) -> Path:
+def _texture_image(path: Path, library_lines: Bytes) -> Path:
     """The image of the OBJ's only textured material."""
-    libraries = [name.decode().strip() for name in re.findall(rb"^mtllib[ \t]+(.*)$", text, re.MULTILINE)]
+    libraries = [
+        line.decode(errors="replace").strip() for line in library_lines.tobytes().splitlines()
+    ]
     images: list[str] = []
     for library in libraries:
         material_file = path.parent / library

@@ -1,0 +1,108 @@
+"""The fast OBJ reader against a slow, readable twin, and its answer to every defect."""
+
+import numpy as np
+import pytest
+
+from harness.core.errors import DataError
+from harness.core.formats.obj import read_obj
+
+CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def slow_read(text):
+    """The same, one line at a time."""
+    vertices, uv, faces, face_uv = [], [], [], []
+    for line in text.replace("\\\n", " ").splitlines():
+        keyword, _, rest = line.replace("\t", " ").partition(" ")
+        if keyword == "v":
+            vertices.append([float(word) for word in rest.split()[:3]])
+        elif keyword == "vt":
+            uv.append([float(word) for word in rest.split()[:2]])
+        elif keyword == "f":
+            corners = [word.split("/") for word in rest.split()]
+            for i in range(1, len(corners) - 1):
+                fan = [corners[0], corners[i], corners[i + 1]]
+                faces.append([_zero_based(corner[0], vertices) for corner in fan])
+                if len(corners[0]) > 1 and corners[0][1]:
+                    face_uv.append([_zero_based(corner[1], uv) for corner in fan])
+    return vertices, faces, uv, face_uv
+
+
+def _zero_based(word, available):
+    return int(word) - 1 if int(word) > 0 else len(available) + int(word)
+
+
+GOOD = {
+    "triangles": CORNERS + "f 1 2 3\nf 1 3 4\n",
+    "quad": CORNERS + "f 1 2 3 4\n",
+    "a fan beside a triangle": CORNERS + "f 1 2 3\nf 1 2 3 4\n",
+    "counted from the end": CORNERS + "f -4 -3 -2\n",
+    "no newline at the end": CORNERS + "f 1 2 3",
+    "windows": (CORNERS + "\nvn 0 0 1\nf 1//1 2//1 3//1\n").replace("\n", "\r\n"),
+    "continued line": CORNERS + "f 1 2 \\\n 3\n",
+    "comments and tabs": "# v 9 9 9\n\n" + CORNERS.replace("v ", "v\t ") + "o body\nf 1\t2 3 \n",
+    "exponents": "v 1e-3 -2.5E+1 .5\nv 1 0 0\nv 1 1 0\nf 1 2 3\n",
+    "vertex colours": "v 0 0 0 .1 .2 .3\nv 1 0 0 .1 .2 .3\nv 1 1 0 .1 .2 .3\nf 1 2 3\n",
+    "normals": CORNERS + "vn 0 0 1\nf 1//1 2//1 3//1\n",
+    "interleaved": "v 0 0 0\nvt 0 0\nv 1 0 0\nvt 1 0\nv 1 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
+    "v 0 0 5\nf 1/3 2/2 4/1\n",
+}
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_it_reads_what_the_slow_twin_reads(name, tmp_path):
+    path = tmp_path / "mesh.obj"
+    path.write_bytes(GOOD[name].encode())
+    mesh = read_obj(path, texture=False)
+    vertices, faces, _, _ = slow_read(GOOD[name])
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    np.testing.assert_array_equal(mesh.faces, faces)
+
+
+@pytest.mark.parametrize("corner", ["{0}/{1}", "{0}/{1}/1"])
+def test_texture_indices_stay_apart_from_vertex_indices(corner, tmp_path):
+    random = np.random.default_rng(0)
+    vertices, uv = random.normal(size=(20, 3)), random.random((30, 2))
+    pairs = np.stack([random.integers(1, 21, (50, 3)), random.integers(1, 31, (50, 3))], axis=-1)
+    lines = ["mtllib m.mtl", *(f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist())]
+    lines += [f"vt {u!r} {v!r}" for u, v in uv.tolist()] + ["vn 0 0 1"]
+    lines += ["f " + " ".join(corner.format(*pair) for pair in face) for face in pairs.tolist()]
+    text = "\n".join(lines)
+    (tmp_path / "mesh.obj").write_text(text)
+    (tmp_path / "m.mtl").write_text("newmtl m\nmap_Kd skin.png\n")
+    (tmp_path / "skin.png").write_bytes(b"not looked at")
+    mesh = read_obj(tmp_path / "mesh.obj", texture=True)
+    _, faces, slow_uv, face_uv = slow_read(text)
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    np.testing.assert_array_equal(mesh.uv, slow_uv)
+    np.testing.assert_array_equal(mesh.face_uv, face_uv)
+    assert mesh.texture == tmp_path / "skin.png"
+
+
+BAD = {
+    "v 0 0 0\nv 1 x 0\nv 1 1 0\nf 1 2 3\n": r"'v' line that is not numbers .* got '1 x 0'",
+    "v 0 0\nv 1 0 0 0\nv 1 1 0\nf 1 2 3\n": "'v' line that is not numbers",
+    "v 0 0 0\nv 1 0\nv 1 1 0\nf 1 2 3\n": r"'v' line that is not numbers .* got '1 0'",
+    "v 0 0 0\nv 1 nan 0\nv 1 1 0\nf 1 2 3\n": "1 non-finite vertices",
+    CORNERS + "f 1 2\n": r"face that cannot be read .* got '1 2'",
+    CORNERS + "f \n": "face that cannot be read",
+    CORNERS + "f 1 2 3\nf 1.5 2 3\n": r"face that cannot be read .* got '1.5 2 3'",
+    CORNERS + "f 1 2 3\nf 1/1 2/2 3/3\n": r"face that cannot be read .* got '1/1 2/2 3/3'",
+    # As many slashes and numbers as three corners of the form v/vt, and yet none of them is one.
+    CORNERS + "f 1/1 2/2 3/3\nf 1/2/3 4 5/6\n": r"face that cannot be read .* '1/2/3 4 5/6'",
+    CORNERS + "f 0 1 2\n": "face index 0",
+    CORNERS + "f 9 1 2\n": "out of range",
+    CORNERS: "no faces",
+    "f 1 2 3\n": "no usable vertices",
+    "": "no faces",
+    "\x00\x01\xff\n\n": "no faces",
+}
+
+
+@pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
+def test_every_defect_has_its_own_refusal(text, tmp_path):
+    path = tmp_path / "mesh.obj"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(DataError, match=BAD[text]):
+        read_obj(path, texture=False)
