@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import glob
 import json
 import os
 import shutil
@@ -20,6 +21,7 @@ __all__ = [
     "atomic_path",
     "exclusive_lock",
     "read_json",
+    "remove_leftovers",
     "write_json",
     "write_text",
 ]
@@ -46,7 +48,8 @@ def atomic_path(path: Path) -> Generator[Path]:
             _sync(temporary)
             temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 @contextlib.contextmanager
@@ -102,7 +105,19 @@ def _explained(path: Path, temporary: Path) -> Generator[None]:
 
 def _temporary_sibling(path: Path) -> Path:
     # The suffix stays last: writers such as Pillow and numpy choose the format by it.
-    return path.with_name(f".{uuid.uuid4().hex[:12]}.part{path.suffix}")
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part{path.suffix}")
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what writers of ``path`` that were killed half-way left beside it.
+
+    Call it only while holding the lock under which ``path`` is written.
+    """
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part*"):
+        if leftover.is_dir():
+            shutil.rmtree(leftover, ignore_errors=True)
+        else:
+            leftover.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
+import contextlib
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.errors import MethodError
-from harness.core.files import atomic_path
+from harness.core.files import atomic_directory, atomic_path
 from harness.core.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
@@ -32,23 +34,29 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
     _, truth = source.load(subject)
     cell = Path(str(job["cell"]))
     meter = StageMeter()
-    workdir = cell / "work"
-    workdir.mkdir(parents=True, exist_ok=True)
-    context = Context(
-        seed=derive_seed(int(job["seed"]), method.info.name, subject),  # type: ignore[call-overload]
-        workdir=workdir,
-        stage=meter.stage,
-        privileged=_privileged(method, truth),
-    )
-    try:
+    with _workdir(cell, keep=bool(job["keep"])) as workdir:
+        context = Context(
+            seed=derive_seed(int(job["seed"]), method.info.name, subject),  # type: ignore[call-overload]
+            workdir=workdir,
+            stage=meter.stage,
+            privileged=_privileged(method, truth),
+        )
         result = method.reconstruct(capture, context)
-    finally:
-        if not job["keep"]:
-            shutil.rmtree(workdir)
     save_mesh(cell / "mesh.ply", result.mesh)
     if result.body:
         _save_body(cell / "body.npz", result.body)
     return _scored(result, truth, protocol, meter)
+
+
+@contextlib.contextmanager
+def _workdir(cell: Path, *, keep: bool) -> Iterator[Path]:
+    """A fresh folder for intermediate results: the cell's own ``work``, or one that goes away."""
+    if keep:
+        with atomic_directory(cell / "work") as workdir:
+            yield workdir
+    else:
+        with tempfile.TemporaryDirectory(prefix="harness-work-") as name:
+            yield Path(name)
 
 
 def _privileged(method: Method, truth: Mesh) -> dict[str, object]:

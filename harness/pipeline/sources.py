@@ -9,7 +9,7 @@ from pathlib import Path
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
-from harness.core.files import exclusive_lock, read_json
+from harness.core.files import exclusive_lock, read_json, remove_leftovers
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.core.workers import Progress as Steps
@@ -85,6 +85,7 @@ class Source:
         with exclusive_lock(directory.parent / f".{subject}.lock"):
             if self.avatar_is_current(subject):
                 return False
+            remove_leftovers(directory)
             make_avatar(recipe, directory)
         return True
 
@@ -138,6 +139,7 @@ class Source:
         directory = self.capture_directory(subject)
         with exclusive_lock(directory.parent / f".{self.recipe.name}.lock"):
             if self.capture_state(subject)[0] != "cached":
+                remove_leftovers(directory)
                 scan, mesh = self.load(subject)
                 capture(scan, mesh, self.recipe, directory, steps)
             return Capture.load(directory)

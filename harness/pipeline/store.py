@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import HarnessError, did_you_mean
-from harness.core.files import exclusive_lock, write_json
+from harness.core.files import exclusive_lock, remove_leftovers, write_json
 from harness.core.records import Record
 from harness.pipeline.workspace import Workspace
 
 __all__ = ["RunStore"]
 
 _RUN_FILE = "run.json"
+_CELL_FILES = ("record.json", "mesh.ply", "body.npz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,5 +76,8 @@ class RunStore:
     @contextmanager
     def locked(self, method: str, subject: str) -> Iterator[None]:
         """Hold one cell, so that two runs at once do not do the same work or mix their files."""
-        with exclusive_lock(self.cell(method, subject) / ".lock"):
+        cell = self.cell(method, subject)
+        with exclusive_lock(cell / ".lock"):
+            for name in _CELL_FILES:
+                remove_leftovers(cell / name)
             yield
