@@ -19,17 +19,29 @@ from harness.core.errors import DataError
 
 __all__ = ["read_array_pickle"]
 
-_reconstruct = np.core.multiarray._reconstruct  # noqa: SLF001  the name that pickles refer to
 
-#: Names that real fits refer to, and what stands in for them.
-_ALLOWED: dict[tuple[str, str], Any] = {
-    ("numpy", "ndarray"): np.ndarray,
-    ("numpy", "dtype"): np.dtype,
-    ("numpy.core.multiarray", "_reconstruct"): _reconstruct,
-    ("numpy._core.multiarray", "_reconstruct"): _reconstruct,
-    ("numpy.core.multiarray", "scalar"): np.core.multiarray.scalar,
-    ("numpy._core.multiarray", "scalar"): np.core.multiarray.scalar,
-}
+def _latin1_bytes(text: str, encoding: str) -> bytes:
+    """Stands in for ``_codecs.encode``, by which old pickles write the bytes of arrays."""
+    if encoding != "latin1":
+        raise pickle.UnpicklingError(f"it encodes text as {encoding}")
+    return text.encode("latin1")
+
+
+def _numpy_names() -> dict[tuple[str, str], Any]:
+    """What pickled arrays and scalars refer to, under the names of numpy 1 and 2."""
+    names: dict[tuple[str, str], Any] = {
+        ("numpy", "ndarray"): np.ndarray,
+        ("numpy", "dtype"): np.dtype,
+        ("_codecs", "encode"): _latin1_bytes,
+    }
+    for core in ("numpy.core", "numpy._core"):
+        names[f"{core}.multiarray", "_reconstruct"] = np.core.multiarray._reconstruct  # noqa: SLF001
+        names[f"{core}.multiarray", "scalar"] = np.core.multiarray.scalar
+        names[f"{core}.numeric", "_frombuffer"] = np.core.numeric._frombuffer  # noqa: SLF001
+    return names
+
+
+_ALLOWED = _numpy_names()
 
 
 class _TrackedArray(np.ndarray):

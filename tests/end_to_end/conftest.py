@@ -1,0 +1,117 @@
+"""A small world: three textured figures in THuman's layout, photographed by ray casting."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.formats.obj import write_obj
+from harness.core.mesh import Mesh
+
+MANIFEST = """\
+schema: 1
+datasets:
+  toy:
+    title: Toy figures
+    kind: thuman
+    licence: CC0-1.0
+    root: scans
+    scale: metres
+    facing: "+z"
+    subjects: [t1, t2, t3]
+splits:
+  toy-one: {dataset: toy, subjects: [t1]}
+rigs:
+  ring8: {views: 8, radius_m: 3.0, lens_mm: 50.0, sensor_mm: 36.0}
+recipes:
+  tiny: {rig: ring8, width: 108, height: 192, renderer: raycast, minimum_mask_iou: 0.95}
+protocols:
+  mexecon: {version: 1, samples: 2000, sampling: independent, chamfer: sample-to-sample}
+  exact: {version: 1, samples: 2000, sampling: stratified, chamfer: point-to-surface}
+"""
+
+
+def ellipsoid(centre: tuple[float, float, float], radii: tuple[float, float, float]) -> Mesh:
+    """A closed ellipsoid of 2 x 12 x 8 triangles with texture coordinates."""
+    rings, segments = 9, 13
+    v, u = np.meshgrid(np.linspace(0, 1, rings), np.linspace(0, 1, segments), indexing="ij")
+    polar, around = np.pi * v, 2 * np.pi * u
+    points = np.stack(
+        [np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], axis=-1
+    )
+    index = np.arange(rings * segments).reshape(rings, segments)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+    return Mesh(
+        vertices=points.reshape(-1, 3) * radii + centre,
+        faces=faces,
+        uv=np.stack([u, 1 - v], axis=-1).reshape(-1, 2),
+        face_uv=faces,
+    )
+
+
+def figure(height: float) -> Mesh:
+    """A head, a trunk and four limbs, standing, ``height`` metres high."""
+    parts = [
+        ellipsoid((0, 0.92, 0), (0.07, 0.08, 0.08)),
+        ellipsoid((0, 0.66, 0), (0.13, 0.2, 0.09)),
+        ellipsoid((-0.2, 0.62, 0.02), (0.045, 0.2, 0.045)),
+        ellipsoid((0.2, 0.62, 0.02), (0.045, 0.2, 0.045)),
+        ellipsoid((-0.08, 0.25, 0), (0.06, 0.25, 0.06)),
+        ellipsoid((0.08, 0.25, 0), (0.06, 0.25, 0.06)),
+    ]
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, offsets, strict=True)])
+    vertices = np.concatenate([part.vertices for part in parts]) * height
+    uv = np.concatenate([part.uv for part in parts if part.uv is not None])
+    return Mesh(vertices=vertices, faces=faces, uv=uv, face_uv=faces)
+
+
+def write_subject(folder: Path, mesh: Mesh) -> None:
+    """One subject in THuman's layout."""
+    folder.mkdir(parents=True)
+    write_obj(folder / f"{folder.name}.obj", mesh)
+    (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.jpeg\n")
+    ramp = np.linspace(60, 220, 64, dtype=np.uint8)
+    pixels = np.stack(np.broadcast_arrays(ramp[:, None], ramp[None], np.uint8(120)), axis=-1)
+    Image.fromarray(np.ascontiguousarray(pixels)).save(folder / "material0.jpeg")
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Path:
+    """A workspace with the toy dataset and its manifest."""
+    (tmp_path / "data_manifest.yaml").write_text(MANIFEST)
+    for subject, height in (("t1", 1.6), ("t2", 1.7), ("t3", 1.8)):
+        write_subject(tmp_path / "scans" / "model" / subject, figure(height))
+    return tmp_path
+
+
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def harness(world: Path) -> Run:
+    """``harness("eval", "--method", "gt")`` in the world, as a person would run it."""
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "harness.cli.main", *arguments]
+        return subprocess.run(
+            command, cwd=world, capture_output=True, text=True, timeout=300, check=False
+        )
+
+    return run
+
+
+EVAL = ("eval", "--dataset", "toy", "--recipe", "tiny")
+
+
+@pytest.fixture
+def eval_toy(harness: Run) -> Run:
+    """``eval_toy("hull8", ...)``: evaluate a method on the toy dataset."""
+    return lambda method, *more: harness(*EVAL, "--method", method, *more)

@@ -1,0 +1,97 @@
+"""The manifest: what ships is valid, and every mistake names its line and the nearest key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.core.errors import DataError, HarnessError, MissingPart
+from harness.data.manifest import load_manifest
+
+SHIPPED = Path(__file__).resolve().parents[3] / "data_manifest.yaml"
+PAPER_IDS = (
+    "0004", "0006", "0007", "0019", "0021", "0023", "0053", "0054", "0055", "0057",
+    "0070", "0071", "0072", "0074", "0081", "0083", "0120", "0170", "0181", "0445",
+)  # fmt: skip
+
+
+def line_of(text: str, part: str) -> int:
+    return text[: text.index(part)].count("\n") + 1
+
+
+def test_the_shipped_manifest_is_the_paper():
+    manifest = load_manifest(SHIPPED)
+    assert manifest.datasets["thuman21"].subjects == PAPER_IDS
+    paper, quick = manifest.recipe("paper8"), manifest.recipe("quick8")
+    assert (paper.width, paper.height, paper.rig.views, paper.rig.radius_m) == (1080, 1920, 8, 3.0)
+    assert paper.cameras()[0].K[0, 0] == pytest.approx(2666.667, abs=1e-3)
+    assert quick.rig == paper.rig
+    assert 4 * quick.width * quick.height <= paper.width * paper.height
+    published = manifest.protocol("mexecon")
+    assert published.samples == 30_000
+    assert published.chamfer == "sample-to-sample"
+    assert manifest.protocol("exact").chamfer == "point-to-surface"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "place", "hint"),
+    [
+        ("samples: 30000", "sampels: 30000", "protocols.mexecon.sampels", "'samples'"),
+        ("width: 1080", "widht: 1080", "recipes.paper8.widht", "'width'"),
+        ("scale: fit ", "skale: fit ", "datasets.thuman21.skale", "'scale'"),
+        ("splits:", "split:", "split", "'splits'"),
+        ("radius_m:", "radius:", "rigs.ring8.radius", "'radius_m'"),
+        ("rig: ring8, width: 1080", "rig: ring9, width: 1080", "recipes.paper8.rig", "'ring8'"),
+        ("scale: fit ", "scale: inches ", "datasets.thuman21.scale", "height=<metres>"),
+        ("subjects: [a01, a02]", "subjects: [a01, b02]", "splits.avatars-tiny", "'a02'"),
+        ("version: 1, sam", "version: one, sam", "protocols.mexecon.version", "integer"),
+    ],
+)  # fmt: skip
+def test_a_mistake_names_file_line_key_and_the_nearest(tmp_path, before, after, place, hint):
+    text = SHIPPED.read_text().replace(before, after, 1)
+    assert after in text
+    path = tmp_path / "m.yaml"
+    path.write_text(text)
+    with pytest.raises(DataError) as caught:
+        load_manifest(path)
+    message = str(caught.value)
+    assert f"{path}, line {line_of(text, after)}, {place}" in message
+    assert hint in message
+
+
+def test_not_yaml_missing_file_and_repeated_key(tmp_path):
+    path = tmp_path / "m.yaml"
+    with pytest.raises(DataError, match="no manifest at"):
+        load_manifest(path)
+    path.write_text("datasets: [")
+    with pytest.raises(DataError, match="is not YAML"):
+        load_manifest(path)
+    text = SHIPPED.read_text()
+    path.write_text(text + "\nrigs: {}\n")
+    with pytest.raises(DataError, match=r"line \d+: key 'rigs' stands twice"):
+        load_manifest(path)
+
+
+def test_names_are_selected_with_did_you_mean():
+    manifest = load_manifest(SHIPPED)
+    assert manifest.select("avatars-tiny")[0] == "avatars"
+    assert manifest.select("thuman21", ("0021", "0004"))[2] == ("0021", "0004")
+    for call, nearest in (
+        (lambda: manifest.select("avatar"), "avatars"),
+        (lambda: manifest.select("thuman21", ("00211",)), "0021"),
+        (lambda: manifest.recipe("paper"), "paper8"),
+        (lambda: manifest.protocol("exac"), "exact"),
+    ):
+        with pytest.raises(HarnessError, match=f"Did you mean '{nearest}'"):
+            call()
+
+
+def test_the_users_folder_comes_from_the_environment(monkeypatch, tmp_path):
+    manifest = load_manifest(SHIPPED)
+    monkeypatch.delenv("THUMAN21_ROOT", raising=False)
+    with pytest.raises(MissingPart, match="set THUMAN21_ROOT"):
+        manifest.root("thuman21", tmp_path)
+    monkeypatch.setenv("THUMAN21_ROOT", str(tmp_path / "scans"))
+    assert manifest.root("thuman21", Path("workspace")) == tmp_path / "scans"
+    assert manifest.root("avatars", tmp_path) == tmp_path / "data/avatars"
