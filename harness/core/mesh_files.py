@@ -38,11 +38,12 @@ def load_mesh(path: Path, *, texture: bool = False) -> Mesh:
         )
     if not path.is_file():
         raise DataError(f"no mesh at {path}")
-    if suffix == ".obj":
-        return read_obj(path, texture=texture)
-    if texture:
+    if texture and suffix != ".obj":
         raise DataError(f"{path} cannot be read with its texture", expected="an OBJ file")
-    return _READERS[suffix](path)
+    try:
+        return read_obj(path, texture=texture) if suffix == ".obj" else _READERS[suffix](path)
+    except OSError as error:
+        raise DataError(f"could not read {path}: {error.strerror or error}") from error
 
 
 def save_mesh(path: Path, mesh: Mesh) -> None:

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from harness.core.camera import Camera
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.hashing import content_hash
 from harness.core.rigs import RingRig
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 __all__ = ["MetricProtocol", "RenderRecipe", "overridden"]
 
-Settings = TypeVar("Settings")
+Settings = TypeVar("Settings", bound="DataclassInstance")
 
 
 def overridden(settings: Settings, texts: Mapping[str, str]) -> Settings:
@@ -25,19 +28,19 @@ def overridden(settings: Settings, texts: Mapping[str, str]) -> Settings:
     Raises:
         HarnessError: a field that does not exist, or a text that is not of its type.
     """
-    current = asdict(settings)  # type: ignore[call-overload]
+    current: dict[str, Any] = asdict(settings)
     values: dict[str, object] = {}
     for name, text in texts.items():
         if name not in current:
             raise HarnessError(f"unknown setting '{name}'", hint=did_you_mean(name, current))
-        kind = type(current[name])
+        kind: type[Any] = type(current[name])
         try:
             values[name] = {"true": True, "false": False}[text] if kind is bool else kind(text)
         except (KeyError, ValueError) as error:
             raise HarnessError(
                 f"setting '{name}' cannot be '{text}'", expected=f"like {current[name]}"
             ) from error
-    return replace(settings, **values)  # type: ignore[type-var]
+    return replace(settings, **values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,10 @@
-"""Units that a number may carry; a bare float never leaves a metric."""
+"""Units that a number may carry."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["MM_PER_METRE", "Quantity", "Unit"]
+__all__ = ["MM_PER_METRE", "Unit"]
 
 MM_PER_METRE = 1000.0
 
@@ -17,14 +16,3 @@ class Unit(str, Enum):
     degree = "deg"
     ratio = "ratio"
     none = "1"
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A finite number with its unit."""
-
-    value: float
-    unit: Unit
-
-    def __str__(self) -> str:
-        return f"{self.value:.3f} {self.unit.value}"

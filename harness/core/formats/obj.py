@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from harness.core.errors import DataError
 from harness.core.files import atomic_path
+from harness.core.formats.mtl import texture_image
 from harness.core.mesh import Mesh
 
 __all__ = ["read_obj", "write_obj"]
@@ -36,8 +37,8 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
     """
     records = _Records(path.read_bytes())
     vertices = _numbers(records.lines(b"v"), path, "v")
-    corners = _Corners(records.lines(b"f"), path)
-    faces = corners.triangles(0, len(vertices))
+    corners = _Corners(records, path)
+    faces = corners.triangles(0, b"v")
     if not texture:
         return Mesh(vertices=vertices[:, :3], faces=faces, source=str(path))
     uv = _numbers(records.lines(b"vt"), path, "vt")
@@ -51,8 +52,8 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
         vertices=vertices[:, :3],
         faces=faces,
         uv=uv[:, :2],
-        face_uv=corners.triangles(1, len(uv)),
-        texture=_texture_image(path, records.lines(b"mtllib")),
+        face_uv=corners.triangles(1, b"vt"),
+        texture=texture_image(path, records.texts(b"mtllib")),
         source=str(path),
     )
 
@@ -72,17 +73,30 @@ class _Records:
 
     def lines(self, keyword: bytes) -> Bytes:
         """The bytes of all lines of a keyword, which is blanked; each ends with a newline."""
-        last = len(self._text) - 1
-        after = self._text[np.minimum(self._starts + len(keyword), last)]
-        chosen = (after == _SPACE) | (after == _TAB)
-        for offset, letter in enumerate(keyword):
-            chosen &= self._text[np.minimum(self._starts + offset, last)] == letter
+        chosen = self._are(keyword)
         lengths = self._lengths[chosen]
         found = self._text[np.repeat(chosen, self._lengths)]
         heads = np.cumsum(lengths) - lengths
         for offset in range(len(keyword)):
             found[heads + offset] = _SPACE
         return found
+
+    def texts(self, keyword: bytes) -> list[str]:
+        """What stands after a keyword, line by line."""
+        lines = self.lines(keyword).tobytes().splitlines()
+        return [line.decode(errors="replace").strip() for line in lines]
+
+    def count_before(self, keyword: bytes, later: bytes) -> Integers:
+        """How many lines of a keyword stand before each line of another one."""
+        return np.cumsum(self._are(keyword), dtype=np.int64)[self._are(later)]
+
+    def _are(self, keyword: bytes) -> NDArray[np.bool_]:
+        last = len(self._text) - 1
+        after = self._text[np.minimum(self._starts + len(keyword), last)]
+        chosen = (after == _SPACE) | (after == _TAB)
+        for offset, letter in enumerate(keyword):
+            chosen &= self._text[np.minimum(self._starts + offset, last)] == letter
+        return chosen
 
 
 def _word_starts(lines: Bytes) -> Integers:
@@ -149,8 +163,10 @@ def _are_numbers(words: list[bytes]) -> bool:
 class _Corners:
     """The corners of all faces as one table of indices, with how many corners each face has."""
 
-    def __init__(self, lines: Bytes, path: Path) -> None:
+    def __init__(self, records: _Records, path: Path) -> None:
         self.path = path
+        self._records = records
+        lines = records.lines(b"f")
         words = _word_starts(lines)
         self.counts = _words_per_line(lines, words)
         first = (lines[words[0] :][:64].tobytes().split() if len(words) else [b""])[0]
@@ -182,12 +198,17 @@ class _Corners:
             )
         self.table = table.reshape(-1, per_corner)
 
-    def triangles(self, column: int, available: int) -> Integers:
-        """(F, 3) zero-based indices of one column; negative ones count from the end."""
+    def triangles(self, column: int, keyword: bytes) -> Integers:
+        """(F, 3) zero-based indices of one column into the records of a keyword."""
         indices = self.table[:, column]
         if len(indices) and int(np.abs(indices).min()) == 0:
             raise DataError(f"{self.path} has a face index 0; OBJ counts from 1")
-        indices = np.where(indices > 0, indices - 1, indices + available)
+        if len(indices) and int(indices.min()) < 0:
+            # Negative ones count back from the last record before their face.
+            end = np.repeat(self._records.count_before(keyword, b"f"), self.counts)
+            indices = np.where(indices < 0, indices + end, indices - 1)
+        else:
+            indices = indices - 1
         if len(self.counts) == 0 or (self.counts == 3).all():
             return indices.reshape(-1, 3)
         starts = np.concatenate([[0], np.cumsum(self.counts)[:-1]])
@@ -195,42 +216,6 @@ class _Corners:
         first = np.repeat(starts, fans)
         step = np.arange(int(fans.sum())) - np.repeat(np.cumsum(fans) - fans, fans)
         return indices[np.stack([first, first + step + 1, first + step + 2], axis=1)]
-
-
-def _texture_image(path: Path, library_lines: Bytes) -> Path:
-    """The image of the OBJ's only textured material."""
-    libraries = [
-        line.decode(errors="replace").strip() for line in library_lines.tobytes().splitlines()
-    ]
-    images: list[str] = []
-    for library in libraries:
-        material_file = path.parent / library
-        if not material_file.is_file():
-            raise DataError(
-                f"{path} names a material file that is not there", expected=str(material_file)
-            )
-        content = material_file.read_text(encoding="utf-8", errors="replace")
-        images += [
-            # Options such as -s 1 1 1 may stand before the file's name, which comes last.
-            line.split(maxsplit=1)[1].split(" -")[-1].strip()
-            for line in content.splitlines()
-            if line.strip().lower().startswith("map_kd")
-        ]
-    distinct = sorted(set(images))
-    if len(distinct) != 1:
-        raise DataError(
-            f"{path} cannot be textured",
-            expected="one map_Kd image in its material files",
-            got=", ".join(distinct) or "none",
-        )
-    image = path.parent / distinct[0]
-    if not image.is_file():
-        raise DataError(
-            f"the texture of {path} is missing",
-            expected=str(image),
-            hint="Copy the image next to the mesh, as it is in the dataset's archive",
-        )
-    return image
 
 
 def write_obj(path: Path, mesh: Mesh, *, material: str = "material0") -> None:

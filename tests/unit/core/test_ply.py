@@ -135,7 +135,10 @@ def swapped(old: str, new: str) -> bytes:
         (swapped("7 3 0 1 4", "7 3 0 nan 4"), "truncated or broken .*not whole numbers"),
         (swapped("7 3 0 1 4", "7 2 0 1"), "truncated or broken .*a face of 2 corners"),
         (swapped("7 3 0 1 4", "7 -1"), "truncated or broken .*a face row"),
-        (swapped("7 3 0 1 4", "7 3 0 1"), "truncated or broken .*columns changed from 4 to 5 at row 2\\)$"),
+        (
+            swapped("7 3 0 1 4", "7 3 0 1"),
+            "truncated or broken .*columns changed from 4 to 5 at row 2\\)$",
+        ),
         (swapped("7 3 0 1 4", "7"), "truncated or broken"),
         (binary_ply("<")[:-1], "truncated or broken .*4 of 5 face rows"),
         (binary_ply(">")[: len(header("binary_big_endian")) + 20], "truncated .*1 of 5 vertex"),
