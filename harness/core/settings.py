@@ -5,6 +5,7 @@ Both are read from ``data_manifest.yaml`` and hashed into every record.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
@@ -33,14 +34,22 @@ def overridden(settings: Settings, texts: Mapping[str, str]) -> Settings:
     for name, text in texts.items():
         if name not in current:
             raise HarnessError(f"unknown setting '{name}'", hint=did_you_mean(name, current))
-        kind: type[Any] = type(current[name])
         try:
-            values[name] = {"true": True, "false": False}[text] if kind is bool else kind(text)
+            values[name] = _read_as(current[name], text)
         except (KeyError, ValueError) as error:
             raise HarnessError(
                 f"setting '{name}' cannot be '{text}'", expected=f"like {current[name]}"
             ) from error
     return replace(settings, **values)
+
+
+def _read_as(example: Any, text: str) -> object:
+    if isinstance(example, bool):
+        return {"true": True, "false": False}[text]
+    value: object = type(example)(text)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,10 +79,12 @@ def test_a_disk_that_fills_up_is_a_data_error_that_names_the_file(
 
 
 def test_a_full_disk_during_the_write_itself(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="could not write .*mesh.ply: No space left"):
-        with atomic_path(tmp_path / "mesh.ply") as temporary:
-            temporary.write_bytes(b"first half")
-            no_space()
+    with (
+        pytest.raises(DataError, match="could not write .*mesh.ply: No space left"),
+        atomic_path(tmp_path / "mesh.ply") as temporary,
+    ):
+        temporary.write_bytes(b"first half")
+        no_space()
 
     assert names(tmp_path) == []
 
@@ -93,7 +95,10 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     folder = tmp_path / "disk"
     folder.mkdir()
     mounting = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
-    if not shutil.which("mount") or subprocess.run(mounting, capture_output=True).returncode:
+    if (
+        not shutil.which("mount")
+        or subprocess.run(mounting, capture_output=True, check=False).returncode
+    ):
         pytest.skip("no right to mount a file system here")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
@@ -104,9 +109,11 @@ def test_a_disk_that_is_really_full(small_disk: Path) -> None:
 
     with pytest.raises(DataError, match="could not write .*new.txt: No space left"):
         write_text(small_disk / "new.txt", "x" * 200_000)
-    with pytest.raises(DataError, match="could not write .*folder: No space left"):
-        with atomic_directory(small_disk / "folder") as temporary:
-            (temporary / "big.txt").write_text("x" * 200_000)
+    with (
+        pytest.raises(DataError, match="could not write .*folder: No space left"),
+        atomic_directory(small_disk / "folder") as temporary,
+    ):
+        (temporary / "big.txt").write_text("x" * 200_000)
 
     assert names(small_disk) == ["old.txt"]
 
@@ -130,9 +137,11 @@ def test_a_parent_that_is_a_file(tmp_path: Path) -> None:
 
 
 def test_a_block_that_writes_nothing_is_a_failed_write(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="could not write .*No such file"):
-        with atomic_path(tmp_path / "a.txt"):
-            pass
+    with (
+        pytest.raises(DataError, match="could not write .*No such file"),
+        atomic_path(tmp_path / "a.txt"),
+    ):
+        pass
 
 
 @pytest.mark.parametrize("old", [False, True])
@@ -166,10 +175,9 @@ def test_a_folder_that_fails_leaves_the_old_one(
     path.mkdir()
     (path / "old.png").write_bytes(b"")
 
-    with pytest.raises(raised):
-        with atomic_directory(path) as temporary:
-            (temporary / "new.png").write_bytes(b"")
-            raise error
+    with pytest.raises(raised), atomic_directory(path) as temporary:
+        (temporary / "new.png").write_bytes(b"")
+        raise error
 
     assert names(path) == ["old.png"]
     assert names(tmp_path) == ["a01"]
@@ -189,9 +197,11 @@ def test_a_folder_that_cannot_be_renamed_is_put_back(
         rename(source, target)
 
     monkeypatch.setattr(os, "rename", refuse_new)
-    with pytest.raises(DataError, match="could not write .*a01"):
-        with atomic_directory(path) as temporary:
-            (temporary / "new.png").write_bytes(b"")
+    with (
+        pytest.raises(DataError, match="could not write .*a01"),
+        atomic_directory(path) as temporary,
+    ):
+        (temporary / "new.png").write_bytes(b"")
 
     assert names(path) == ["old.png"]
     assert names(tmp_path) == ["a01"]
@@ -207,7 +217,7 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path: Path) -> None:
         "    temporary.write_text('ne'); os.kill(os.getpid(), signal.SIGKILL)\n"
     )
 
-    ended = subprocess.run([sys.executable, "-c", script, str(path)])
+    ended = subprocess.run([sys.executable, "-c", script, str(path)], check=False)
 
     assert ended.returncode == -9
     assert path.read_text() == "old"

@@ -1,0 +1,144 @@
+"""Records and captures on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from harness.core.artifacts import Capture, StageCost, image_name
+from harness.core.errors import DataError
+from harness.core.files import read_json, write_json
+from harness.core.records import MetricValue, Record
+from harness.core.rigs import RingRig
+
+RECORD = Record(
+    key="0123456789abcdef",
+    method={"name": "hull8", "title": "Visual hull", "parts": [], "views": [0, 4]},
+    dataset="avatars",
+    subject="a01",
+    recipe="quick8",
+    protocol={"name": "mexecon", "version": 1, "sha": "ab"},
+    capture={"key": "cd", "warnings": ["cut in view 2"]},
+    seed=0,
+    status="ok",
+    metrics={
+        "chamfer": MetricValue(1.25, "mm", 30_000, 0.01, floor=3.98),
+        "normal_error": MetricValue(12.5, "deg", 30_000, 0.1),
+    },
+    stages=(StageCost("carve", 1.5, 200.0), StageCost("mesh", 0.5, 300.0, peak_gpu_mib=12.0)),
+    details={"voxels": 3},
+    environment={"host": "here"},
+    created_utc="2026-01-01T00:00:00Z",
+)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [RECORD, replace(RECORD, status="failed", reason="no mesh", metrics={}, stages=())],
+    ids=["ok", "failed"],
+)
+def test_a_record_there_and_back(tmp_path: Path, record: Record) -> None:
+    path = tmp_path / "runs" / "record.json"
+    record.save(path)
+
+    back = Record.load(path)
+
+    assert back == record
+    assert back.method_name == "hull8"
+    assert json.loads(path.read_text())["schema"] == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(schema=2), "not a record of this version .*schema 1; got 2"),
+        (lambda d: d.pop("schema"), "not a record of this version .*got None"),
+        (lambda d: d.pop("metrics"), "not a record .*metrics"),
+        (lambda d: d.pop("key"), "not a record .*key"),
+        (lambda d: d.update(surprise=1), "not a record .*surprise"),
+        (lambda d: d.update(metrics=[]), "not a record"),
+        (lambda d: d["metrics"].update(chamfer=1.0), "not a record"),
+        (lambda d: d["metrics"]["chamfer"].pop("unit"), "not a record .*unit"),
+        (lambda d: d.update(stages=[{"name": "a"}]), "not a record .*wall_s"),
+        (lambda d: d.update(status="fine"), "unknown status .*ok, failed, missing; got fine"),
+    ],
+)
+def test_what_is_not_a_record(
+    tmp_path: Path, change: Callable[[dict], object], message: str
+) -> None:
+    path = tmp_path / "record.json"
+    document = json.loads(json.dumps(RECORD.to_dict()))
+    change(document)
+    write_json(path, document)
+
+    with pytest.raises(DataError, match=message):
+        Record.load(path)
+
+
+def test_a_number_that_is_not_one_is_never_filed(tmp_path: Path) -> None:
+    broken = replace(RECORD, metrics={"chamfer": MetricValue(float("nan"), "mm", 1, 0.0)})
+
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        broken.save(tmp_path / "record.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def capture(folder: Path) -> Capture:
+    made = Capture(
+        dataset="avatars",
+        subject="a01",
+        recipe="quick8",
+        key="cd",
+        directory=folder,
+        cameras=RingRig(views=2).cameras(27, 48),
+        warnings=("cut in view 1",),
+        provenance={"renderer": "blender"},
+    )
+    write_json(folder / "capture.json", made.to_dict())
+    for view in range(2):
+        made.image_path(view).parent.mkdir(exist_ok=True)
+        made.image_path(view).write_bytes(b"")
+    return made
+
+
+def test_a_capture_there_and_back(tmp_path: Path) -> None:
+    made = capture(tmp_path)
+
+    back = Capture.load(tmp_path)
+
+    assert back.to_dict() == made.to_dict()
+    assert back.image_path(1) == tmp_path / "rgb" / "01.png"
+    assert image_name(12) == "rgb/12.png"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(schema=0), "another version .*schema 1; got 0.*render again"),
+        (lambda d: d.pop("cameras"), "incomplete .*cameras"),
+        (lambda d: d.update(cameras=3), "incomplete"),
+        (lambda d: d["cameras"][0].pop("K"), "capture.json: not a camera .*'K'"),
+        (lambda d: d["cameras"][1].update(width=-1), "capture.json: camera has no pixels"),
+        (lambda d: d.update(provenance="none"), "incomplete"),
+        (lambda d: d["cameras"].append(d["cameras"][0]), "view 2 of .* is missing .*02.png"),
+    ],
+)
+def test_what_is_not_a_capture(
+    tmp_path: Path, change: Callable[[dict], object], message: str
+) -> None:
+    capture(tmp_path)
+    document = read_json(tmp_path / "capture.json")
+    change(document)
+    write_json(tmp_path / "capture.json", document)
+
+    with pytest.raises(DataError, match=message):
+        Capture.load(tmp_path)
+
+
+def test_a_folder_without_a_capture(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"no file at .*capture\.json"):
+        Capture.load(tmp_path)
