@@ -1,0 +1,114 @@
+"""The visual hull of known silhouettes."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.core.artifacts import Capture, image_name
+from harness.core.errors import HarnessError, MethodError
+from harness.core.mesh import Mesh
+from harness.core.protocols import Context
+from harness.core.rigs import RingRig
+from harness.geometry.images import save_png
+from harness.geometry.raycast import Raycaster
+from methods.hull import HullSettings, hull8
+
+RADIUS = 0.3
+
+
+def sphere(radius: float, centre: tuple[float, float, float] = (0, 0, 0)) -> Mesh:
+    """A fine closed sphere by subdivision of an octahedron."""
+    vertices = np.array(
+        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float
+    )
+    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4],
+                      [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])  # fmt: skip
+    for _ in range(5):
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        unique, index = np.unique(edges, axis=0, return_inverse=True)
+        middle = vertices[unique].mean(axis=1)
+        ab, bc, ca = (len(vertices) + index.reshape(-1, 3)).T
+        a, b, c = faces.T
+        faces = np.concatenate(
+            [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+        vertices = np.concatenate([vertices, middle / np.linalg.norm(middle, axis=1)[:, None]])
+    return Mesh(vertices * radius + centre, faces)
+
+
+def photograph(mesh: Mesh, folder: Path, views: int = 8) -> Capture:
+    """White RGBA pictures whose alpha is the exact coverage."""
+    cameras = RingRig(views=views).cameras(270, 480)
+    caster = Raycaster(mesh)
+    for view, camera in enumerate(cameras):
+        alpha = np.round(255 * caster.coverage(camera)).astype(np.uint8)
+        rgba = np.dstack([np.full((*alpha.shape, 3), 255, np.uint8), alpha])
+        save_png(folder / image_name(view), rgba)
+    return Capture("toy", "s", "r", "k", folder, cameras)
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> Context:
+    return Context(0, tmp_path, lambda _: contextlib.nullcontext())
+
+
+def test_the_hull_of_a_sphere_touches_it_and_contains_it(tmp_path, context):
+    result = hull8.reconstruct(photograph(sphere(RADIUS), tmp_path), context)
+    mesh = result.mesh
+    distance = np.linalg.norm(mesh.vertices, axis=1)
+    # A camera at distance d touches the equator at its yaw ± arccos(r / d): of eight cameras that is
+    # a polygon of sixteen tangents, and its farthest corner lies in the middle of the wider gap.
+    pixel_m = 3.0 / mesh_focal()
+    touch_deg = np.degrees(np.arccos(RADIUS / 3.0))
+    gap = np.radians(max((2 * touch_deg) % 45, 45 - (2 * touch_deg) % 45))
+    assert distance.min() > RADIUS - pixel_m
+    equator = np.abs(mesh.vertices[:, 1]) < 0.01
+    assert distance[equator].max() == pytest.approx(RADIUS / np.cos(gap / 2), abs=pixel_m / 2)
+    assert mesh.signed_volume > 4 / 3 * np.pi * RADIUS**3
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    assert (uses == 2).all(), "the hull is closed"
+
+
+def mesh_focal() -> float:
+    return float(RingRig().cameras(270, 480)[0].K[0, 0])
+
+
+def test_block_pruning_changes_nothing(tmp_path, context):
+    capture = photograph(sphere(0.2, (0.1, 0.2, -0.05)), tmp_path)
+    coarse = {"voxel_m": "0.02"}
+    pruned = hull8.configured(coarse).reconstruct(capture, context).mesh
+    whole = hull8.configured({**coarse, "block": "64"}).reconstruct(capture, context).mesh
+    assert pruned.signed_volume == pytest.approx(whole.signed_volume, rel=0.01)
+
+
+def test_a_subject_cut_by_the_frame_is_not_carved_beyond_it(tmp_path, context):
+    tall = sphere(1.0)
+    stretched = Mesh(tall.vertices * (0.2, 1.12, 0.2), tall.faces)  # the frame is 2.16 m high
+    mesh = (
+        hull8.configured({"voxel_m": "0.02"})
+        .reconstruct(photograph(stretched, tmp_path), context)
+        .mesh
+    )
+    assert mesh.extent[1] > 2.1
+
+
+def test_no_subject_is_an_error(tmp_path, context):
+    capture = photograph(sphere(RADIUS), tmp_path)
+    empty = np.zeros((480, 270, 4), np.uint8)
+    save_png(tmp_path / image_name(3), empty)
+    with pytest.raises(MethodError, match="no subject"):
+        hull8.reconstruct(capture, context)
+
+
+def test_settings_are_checked():
+    assert HullSettings().voxel_m == hull8.info.parameters["voxel_m"]
+    assert hull8.configured({"voxel_m": "0.01"}).info.parameters["voxel_m"] == 0.01
+    with pytest.raises(HarnessError, match="Did you mean 'voxel_m'"):
+        hull8.configured({"voxel": "0.01"})
+    with pytest.raises(HarnessError, match="cannot be 'big'"):
+        hull8.configured({"voxel_m": "big"})
