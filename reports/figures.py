@@ -5,6 +5,7 @@ Meshes are seen through the capture's own cameras; nothing is drawn on a screen.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,8 @@ Floats = NDArray[np.float64]
 _PANEL_INCH = 2.8
 _OVERLAY_INCH = 4.0
 #: Meshes are drawn at least this high, however small the photos are.
-_LEAST_HEIGHT = 600
+_LEAST_HEIGHT = 420
+_TITLE_LENGTH = 20
 _FILL = 0.4
 _OUTLINE = "#00c030"
 
@@ -83,7 +85,7 @@ def qualitative_grid(
     frames = windows([(s.truth, s.capture.cameras[view]) for s in subjects for view in views])
     figure, axes = canvas((3 * len(subjects), len(columns)), frames[0], _PANEL_INCH)
     for axis, title in zip(axes[0], columns, strict=True):
-        axis.set_title(title, fontsize=9)
+        axis.set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9)
     for index, subject in enumerate(subjects):
         rows = axes[3 * index : 3 * index + 3]
         _draw_subject(subject, rows, dict(zip(views, frames[2 * index :], strict=False)), scale)
@@ -145,7 +147,8 @@ def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -
     for view, (axis, frame) in enumerate(zip(axes.flat, frames, strict=False)):
         clay = shaded(caster, frame.of_camera(capture.cameras[view]))
         show(axis, _blended(frame.of_image(photo(capture, view)), clay))
-        axis.contour(clay[..., 3], levels=[0.5], colors=_OUTLINE, linewidths=0.7)
+        if clay[..., 3].min() < 0.5 < clay[..., 3].max():
+            axis.contour(clay[..., 3], levels=[0.5], colors=_OUTLINE, linewidths=0.7)
         axis.set_title(f"{capture.subject}, view {view}", fontsize=9)
     save(figure, path)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
+from harness.core.errors import HarnessError
 from harness.core.files import atomic_path
 from harness.core.mesh import Mesh
 from harness.geometry.images import composite, load_rgba
@@ -25,6 +26,12 @@ _DPI = 150
 _MARGIN = 0.06
 #: Room beside the panels for row labels and the colour bar, inches.
 _SIDE_INCH = 1.2
+_TITLE_INCH = 0.4
+_UNDATED: Mapping[str, dict[str, None]] = {
+    ".png": {},
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +63,9 @@ def windows(scenes: Sequence[tuple[Mesh, Camera]]) -> list[Window]:
     """A window round the mesh of each scene, all of one size so that all have one scale."""
     boxes = [screen_rectangle(mesh.vertices, camera) for mesh, camera in scenes]
     border = round(_MARGIN * max(box.height for box in boxes))
-    width = max(box.width for box in boxes) + 2 * border
-    height = max(box.height for box in boxes) + 2 * border
+    # At least one pixel, for a mesh that is in no picture at all.
+    width = max(1, *(box.width + 2 * border for box in boxes))
+    height = max(1, *(box.height + 2 * border for box in boxes))
     return [
         Window(
             left=box.left + (box.width - width) // 2,
@@ -88,13 +96,15 @@ def on_white(rgba: Floats) -> Floats:
 def canvas(shape: tuple[int, int], window: Window, panel_inch: float) -> tuple[Any, Any]:
     """A figure and its axes, rows x columns, each ``panel_inch`` high and as wide as a window."""
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     rows, columns = shape
     width = columns * panel_inch * window.width / window.height
     figure = Figure(
-        figsize=(width + _SIDE_INCH, rows * panel_inch + 0.3), dpi=_DPI, layout="constrained"
+        figsize=(width + _SIDE_INCH, rows * panel_inch + _TITLE_INCH),
+        dpi=_DPI,
+        layout=ConstrainedLayoutEngine(w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0),
     )
-    figure.get_layout_engine().set(w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.set_xticks([])
@@ -109,7 +119,16 @@ def show(axis: Any, image: Floats) -> None:
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a figure atomically as PNG, PDF or SVG; equal figures give equal files."""
-    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    """Write a figure atomically, without a date so that equal figures give equal files.
+
+    Raises:
+        HarnessError: an extension that is not of PNG, PDF or SVG.
+        DataError: the file cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _UNDATED:
+        raise HarnessError(
+            f"cannot draw {path}", expected=" or ".join(_UNDATED), got=suffix or "no extension"
+        )
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, metadata=undated.get(path.suffix.lower()))
+        figure.savefig(temporary, metadata=_UNDATED[suffix])

@@ -45,7 +45,8 @@ class ErrorScale:
         """(..., 3) in [0, 1] for errors (...) in millimetres."""
         from matplotlib import colormaps
 
-        return colormaps[self.colours](np.clip(errors_mm / self.limit_mm, 0.0, 1.0))[..., :3]
+        share = np.clip(np.asarray(errors_mm) / self.limit_mm, 0.0, 1.0)
+        return np.asarray(colormaps[self.colours](share))[..., :3]
 
 
 def shaded(caster: Raycaster, camera: Camera) -> Floats:
