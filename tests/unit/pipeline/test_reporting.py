@@ -1,0 +1,67 @@
+"""A run's records become a table by name, in the format asked for."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from harness.core.errors import HarnessError
+from harness.pipeline.reporting import FORMATS, TABLES, ReportRequest, build_table, write_tables
+from harness.pipeline.store import RunStore
+
+RECORDS = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
+OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_table_has_every_format(table, form):
+    text = build_table(RECORDS, ReportRequest(table=table, format=form))
+    assert "Visual hull" in text
+    assert text.endswith("\n")
+
+
+def test_rows_stand_in_the_order_of_the_catalogue_and_unknown_methods_last():
+    document = json.loads(build_table(RECORDS, ReportRequest(format="json")))
+    names = [row["method"] for row in document["rows"]]
+    assert set(names) == {record.method_name for record in RECORDS}
+    assert names.index("hull8") < names.index("gt")
+    asked = ReportRequest(format="json", methods=("gt", "hull8"))
+    rows = json.loads(build_table(RECORDS, asked))["rows"]
+    assert [row["method"] for row in rows] == ["gt", "hull8"]
+
+
+def test_an_interval_on_request_holds_the_mean():
+    document = json.loads(build_table(OURS, ReportRequest(format="json", interval=True)))
+    chamfer = document["rows"][0]["metrics"]["chamfer"]
+    values = [r.metrics["chamfer"].value for r in OURS if r.method_name == "hull8"]
+    assert min(values) <= chamfer["low"] < chamfer["mean"] < chamfer["high"] <= max(values)
+    again = json.loads(build_table(OURS, ReportRequest(format="json", interval=True)))
+    assert again == document
+
+
+def test_the_published_block_is_there_on_request():
+    assert "40.56" in build_table(OURS, ReportRequest(published=True))
+    assert "40.56" not in build_table(OURS, ReportRequest())
+
+
+@pytest.mark.parametrize(
+    ("request_", "match"),
+    [
+        (ReportRequest(table="geometri"), "unknown table 'geometri'.*Did you mean 'geometry'"),
+        (ReportRequest(format="latx"), "unknown format 'latx'.*Did you mean 'latex'"),
+    ],
+)
+def test_an_unknown_name_is_refused_with_the_nearest_one(request_, match):
+    with pytest.raises(HarnessError, match=match):
+        build_table(RECORDS, request_)
+
+
+def test_all_tables_are_written(tmp_path):
+    files = write_tables(RECORDS, tmp_path)
+    assert {path.name for path in files} == {
+        f"{table}.{extension}" for table in TABLES for _, extension in FORMATS.values()
+    }
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in files)
+    stored = (tmp_path / "geometry.tex").read_text(encoding="utf-8")
+    assert stored == build_table(RECORDS, ReportRequest(format="latex"))
