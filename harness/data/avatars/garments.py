@@ -102,18 +102,18 @@ def _curtain(vertices: Floats, faces: Ints, body: PosedBody, top_y: float, share
     step = 0.015
     depth = (top_y - vertices[:, 1]) / step
     level = np.floor(depth).astype(int)
-    use = (level >= 0) & (share > 0.5)
+    use = (level >= 0) & (share > 0.95)
     if not use.any():
         return vertices
     grid = np.zeros((48, level.max() + 1))
     np.maximum.at(grid, (angle[use], level[use]), width[use])
     for row in range(1, grid.shape[1]):
         grid[:, row] = np.maximum(grid[:, row], grid[:, row - 1] - 0.12 * step)
-    grid = gaussian_filter1d(gaussian_filter1d(grid, 1.2, axis=0, mode="wrap"), 1.5, axis=1)
+    grid = gaussian_filter1d(gaussian_filter1d(grid, 2.0, axis=0, mode="wrap"), 1.5, axis=1)
     grid = np.concatenate([grid[-1:], grid, grid[:1]])  # one turn of overlap to read across 0
     target = map_coordinates(grid, [turn + 0.5, depth - 0.5], order=1, mode="nearest")
     lack = np.maximum(target - width, 0) * _ramp(depth, -3.0, 3.0) * share
-    lack = smooth(lack[:, None], faces, 4)[:, 0]
+    lack = smooth(lack[:, None], faces, 12)[:, 0]
     return vertices + radial / width[:, None] * lack[:, None]
 
 
@@ -157,9 +157,9 @@ def _sleeve_field(places: dict[str, LimbPlace], end: float) -> Floats:
 def _neck_field(patch: Patch, body: PosedBody, radius: float) -> Floats:
     """Metres (V,) from the neckline, positive below it: a round opening about the neck's axis."""
     offset = patch.vertices - body.joint_rest("neck01") - [0.0, 0.0, 0.016]
-    around = np.hypot(offset[:, 0], offset[:, 2]) - radius
-    # Well below the neck everything is shirt, also what happens to lie near the axis.
-    return np.maximum(around, -offset[:, 1] - 0.10)
+    # Depth counts less in front, so that the opening is a bowl that hangs lower there.
+    depth = np.maximum(-offset[:, 1], 0) * (2.5 - 1.75 * _ramp(offset[:, 2], -0.06, 0.02))
+    return np.linalg.norm([offset[:, 0], offset[:, 2], depth], axis=0) - radius
 
 
 def _hip_height(body: PosedBody) -> float:
@@ -190,10 +190,12 @@ def _tops(patch: Patch, top: Top, body: PosedBody, seed: int, under: Patch) -> P
     places = limb_places(patch, body)
     normals = vertex_normals(patch.vertices, patch.faces)
     normals = smooth(normals, patch.faces, 10)
-    neck = _ramp(_neck_field(patch, body, top.neck), 0.0, 0.06)
+    # Cloth lies on the shoulders and stands off below them.
+    lies = 1 - 0.8 * _ramp(normals[:, 1], 0.3, 0.9)
+    stands = _ramp(_neck_field(patch, body, top.neck), 0.0, 0.06) * lies
     eased = patch.moved(
         smooth(patch.vertices, patch.faces, 14)
-        + normals * (0.004 + neck * (top.ease - 0.004))[:, None]
+        + normals * (0.004 + stands * (top.ease - 0.004))[:, None]
     )
     armpit = float(body.joint_rest("upperarm01.L")[1]) - 0.10
     hung = _curtain(eased.vertices, eased.faces, body, armpit, _no_arms(places) ** 2)
@@ -201,8 +203,11 @@ def _tops(patch: Patch, top: Top, body: PosedBody, seed: int, under: Patch) -> P
     if top.sleeve_radius:
         radius = np.full(len(hung), top.sleeve_radius)
         eased = eased.moved(_widen(eased, limb_places(eased, body), "arm", radius, 0.5))
-    clear = push_out(eased.vertices, under.vertices, under.faces, 0.005)
-    height = _fold_height(eased, body, places, seed) * (0.15 + 0.85 * neck)
+    pushed = push_out(eased.vertices, under.vertices, under.faces, 0.006) - eased.vertices
+    # Spread, so that the waistband does not print through.
+    clear = eased.vertices + smooth(pushed, eased.faces, 12)
+    clear = push_out(clear, under.vertices, under.faces, 0.003)
+    height = _fold_height(eased, body, places, seed) * (0.15 + 0.85 * stands)
     return _finish_cloth(eased.moved(clear), body, height)
 
 
@@ -210,7 +215,7 @@ def _finish_cloth(patch: Patch, body: PosedBody, fold_height: Floats, gap: float
     """The cloth clear of the skin, folded outwards, hemmed."""
     skin, _ = body.groups["skin"]
     clear = push_out(patch.vertices, body.rest, skin, gap)
-    normals = smooth(vertex_normals(clear, patch.faces), patch.faces, 4)
+    normals = smooth(vertex_normals(clear, patch.faces), patch.faces, 12)
     folded = patch.moved(clear + normals * fold_height[:, None])
     return hem(folded, normals, np.full(len(clear), 0.006) + fold_height)
 

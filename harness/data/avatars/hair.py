@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.core.hashing import derive_seed
-from harness.data.avatars.body import PosedBody, mask_image
+from harness.data.avatars.body import PosedBody, mask_at
 from harness.data.avatars.garments import finish, hem, push_out
 from harness.data.avatars.layer import Layer
 from harness.data.avatars.noise import folds, smooth_noise
@@ -57,11 +57,9 @@ def _hair_field(patch: Patch, body: PosedBody, seed: int) -> Floats:
     line = np.interp(-local[:, 2], _HAIRLINE_BEHIND, _HAIRLINE_ABOVE)
     ragged = 0.004 * smooth_noise(patch.vertices * 60, seed)
     field = local[:, 1] - line + ragged
-    ears = mask_image("ears")
-    rows = np.clip(((1 - patch.uv[:, 1]) * ears.shape[0]).astype(int), 0, ears.shape[0] - 1)
-    columns = np.clip((patch.uv[:, 0] * ears.shape[1]).astype(int), 0, ears.shape[1] - 1)
+    ears = mask_at("ears", patch.uv)
     on_ear = np.zeros(len(patch.vertices))
-    np.maximum.at(on_ear, patch.faces.ravel(), ears[rows, columns][patch.uv_faces.ravel()])
+    np.maximum.at(on_ear, patch.faces.ravel(), ears[patch.uv_faces.ravel()])
     return field - 0.03 * smooth(on_ear[:, None], patch.faces, 1)[:, 0]
 
 

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from harness.core.hashing import derive_seed
-from harness.data.avatars.body import PosedBody, mask_image
+from harness.data.avatars.body import PosedBody, mask_at
 from harness.data.avatars.hair import HEAD_UV
 from harness.data.avatars.noise import folds, smooth_noise
 from harness.data.avatars.recipe import AvatarRecipe
@@ -71,14 +71,6 @@ def _skin_base(recipe: AvatarRecipe, rest: Floats) -> Floats:
     return base * (1 + 0.03 * blotch + 0.025 * smooth_noise(rest * 300, seed + 1))[:, None]
 
 
-def _sample(mask: Floats, uv: Floats) -> Floats:
-    from scipy.ndimage import map_coordinates
-
-    height, width = mask.shape
-    place = [(1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5]
-    return map_coordinates(mask, place, order=1, mode="nearest")
-
-
 def _head(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:
     """Skin with lips, brows, lids and a warmer middle of the face."""
     left, bottom, right, top = HEAD_UV
@@ -92,10 +84,10 @@ def _head(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:
     warm = np.exp(-(((side - 0.040) / 0.022) ** 2) - ((local[:, 1] + 0.040) / 0.022) ** 2)
     warm += 0.7 * np.exp(-((side / 0.014) ** 2) - ((local[:, 1] + 0.040) / 0.014) ** 2)
     colour = _mix(colour, skin * [1.0, 0.78, 0.74], 0.5 * warm * front)
-    lips = _sample(mask_image("lips"), uv)
+    lips = mask_at("lips", uv)
     tint = 0.55 if recipe.phenotype["gender"] > 0.5 else 0.3
     colour = _mix(colour, skin * [0.86, 0.5, 0.5], np.clip(lips * (0.35 + tint), 0, 1))
-    lids = _sample(mask_image("eyelids"), uv)
+    lids = mask_at("eyelids", uv)
     colour = _mix(colour, skin * 0.45, np.clip(lids, 0, 1) * 0.45)
     arch = 0.024 + 0.006 * np.exp(-(((side - abs(eye[0]) - 0.008) / 0.016) ** 2))
     brow = (
@@ -106,7 +98,8 @@ def _head(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:
 
 
 def _skin(recipe: AvatarRecipe, texels: Texels) -> Floats:
-    return _skin_base(recipe, texels.rest)
+    mouth = mask_at("inside-mouth", texels.uv)
+    return _mix(_skin_base(recipe, texels.rest), (74, 30, 32), mouth)
 
 
 def _eyes(recipe: AvatarRecipe, body: PosedBody, texels: Texels) -> Floats:

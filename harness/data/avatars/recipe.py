@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from types import MappingProxyType
 
 from harness.core.errors import DataError, did_you_mean
 from harness.core.hashing import derive_seed
@@ -65,9 +64,9 @@ def recipe_for(subject_id: str) -> AvatarRecipe:
     return AvatarRecipe(
         id=subject_id,
         seed=derive_seed(0, "avatar", subject_id),
-        phenotype=MappingProxyType(phenotype | {"proportions": 0.6}),
+        phenotype=phenotype | {"proportions": 0.6},
         pose=subject.pose,
-        pose_deg=MappingProxyType(dict(POSES[subject.pose])),
+        pose_deg=dict(POSES[subject.pose]),
         skin=person.skin,
         eyes=person.eyes,
         hair=person.hair,

@@ -18,7 +18,7 @@ def _directions(count: int) -> Floats:
     return np.stack([width * np.cos(turn), height, width * np.sin(turn)], axis=1)
 
 
-def outer_faces(vertices: Floats, faces: Ints, directions: int = 48) -> np.ndarray:
+def outer_faces(vertices: Floats, faces: Ints, directions: int = 160) -> np.ndarray:
     """Mask (F,) of faces from whose front some ray escapes, and of their neighbours.
 
     A ray starts 0.2 mm above the face's centre; the face counts as seen if any of ``directions``
