@@ -12,6 +12,7 @@ from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.core.workers import run_worker
+from harness.geometry.images import load_rgba, save_png
 from renderers.blender.scene import describe, vertices_in_blender
 from renderers.protocol import Progress, RenderOutcome, texture_of
 
@@ -43,6 +44,7 @@ class BlenderRenderer:
         texture = texture_of(mesh)
         assert mesh.uv is not None
         assert mesh.face_uv is not None
+        scene = describe(mesh, recipe)
         with tempfile.TemporaryDirectory(prefix="harness-render-") as folder:
             # Arrays instead of the scan's file: what is proved is what is rendered.
             arrays = Path(folder, "mesh.npz")
@@ -55,11 +57,16 @@ class BlenderRenderer:
             answer = run_worker(
                 _WORKER,
                 {
-                    "scene": describe(mesh, recipe).to_dict(),
+                    "scene": scene.to_dict(),
                     "mesh": str(arrays),
                     "texture": str(texture.resolve()),
-                    "directory": str(directory.resolve()),
+                    "directory": folder,
                 },
                 progress=progress,
             )
+            for view in scene.views:
+                # Read strictly and written anew: Blender stamps its render times into its files,
+                # and the files of equal pictures would differ.
+                size = (scene.width, scene.height)
+                save_png(directory / view.file, load_rgba(Path(folder, view.file), size))
         return RenderOutcome(device=str(answer["device"]))

@@ -60,14 +60,14 @@ class BlenderCamera:
         """The Blender camera with the same rays.
 
         Raises:
-            DataError: skewed or non-square pixels, which Blender's camera does not have.
+            DataError: pixels that are not square.
         """
         K = camera.K
-        if K[0, 1] != 0 or not math.isclose(K[0, 0], K[1, 1], rel_tol=1e-9):
+        if not math.isclose(K[0, 0], K[1, 1], rel_tol=1e-9):
             raise DataError(
                 "Blender cannot render this camera",
-                expected="square pixels without skew",
-                got=f"fx {K[0, 0]}, fy {K[1, 1]}, skew {K[0, 1]}",
+                expected="square pixels",
+                got=f"fx {K[0, 0]}, fy {K[1, 1]}",
             )
         width, height = camera.width, camera.height
         return cls(

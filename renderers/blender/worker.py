@@ -49,12 +49,10 @@ def _choose_device(scene: Any) -> str:
     scene.render.threads_mode = "FIXED"
     scene.render.threads = threads
     preferences = bpy.context.preferences.addons["cycles"].preferences
+    # Once for all kinds: a later refresh would free the entries that are held here.
+    preferences.refresh_devices()
     for kind in _GPU_KINDS:
-        # Blender offers the kinds of its platform only; asking for another raises TypeError.
-        try:
-            found = list(preferences.get_devices_for_type(kind) or ())
-        except (TypeError, ValueError):
-            continue
+        found = preferences.get_devices_for_type(kind)
         gpus = [device for device in found if device.type == kind]
         if gpus:
             preferences.compute_device_type = kind
@@ -75,7 +73,7 @@ def _set_quality(scene: Any, description: Scene) -> None:
     cycles.use_denoising = description.denoise
     cycles.denoiser = "OPENIMAGEDENOISE"
     cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
-    cycles.denoising_prefilter = "ACCURATE"
+    cycles.denoising_prefilter = "FAST"
     cycles.use_animated_seed = False
     cycles.max_bounces = description.diffuse_bounces
     cycles.diffuse_bounces = description.diffuse_bounces
@@ -97,12 +95,10 @@ def _set_output(scene: Any, description: Scene) -> None:
     render.image_settings.file_format = "PNG"
     render.image_settings.color_mode = "RGBA"
     render.image_settings.color_depth = "8"
+    # Written anew by the parent, so size does not matter.
+    render.image_settings.compression = 0
     render.use_file_extension = False
     render.dither_intensity = 0.0
-    # Stamps (date, render time) would make the files of equal pictures differ.
-    for name in dir(render):
-        if name.startswith("use_stamp"):
-            setattr(render, name, False)
     scene.display_settings.display_device = "sRGB"
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"

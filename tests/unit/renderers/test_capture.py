@@ -1,0 +1,109 @@
+"""A capture is whole or absent, says how it was made, and has a key of all that made it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import renderers.raycast
+from harness.core.artifacts import Capture
+from harness.core.errors import DataError, HarnessError, MethodError
+from harness.core.frames import read_transforms_json
+from harness.geometry.images import load_rgba
+from renderers.capture import capture, capture_key
+
+
+def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
+    told = []
+    directory = tmp_path / "out" / "c"
+    made = capture(scan, figure, recipe, directory, lambda *views: told.append(views))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    found = Capture.load(directory)
+    assert found.to_dict() == json.loads(json.dumps(made.to_dict()))
+    assert found.key == capture_key(scan, recipe)
+    assert found.warnings == ("unusually small",)
+    assert sorted(file.name for file in directory.iterdir()) == [
+        "capture.json",
+        "rgb",
+        "transforms.json",
+    ]
+    provenance = found.provenance
+    assert provenance["recipe_sha"] == recipe.sha
+    assert provenance["scan"] == scan.identity()
+    assert provenance["renderer"]["name"] == "raycast"
+    assert len(provenance["proof"]) == 3
+    assert provenance["timings"]["render_s"] > 0
+    cameras, images = read_transforms_json(directory / "transforms.json")
+    assert images == ("rgb/00.png", "rgb/01.png", "rgb/02.png")
+    for one, other in zip(cameras, recipe.cameras(), strict=True):
+        assert np.allclose(one.world_to_camera, other.world_to_camera)
+
+
+def test_the_key_changes_with_all_that_makes_the_pictures(recipe, scan, monkeypatch):
+    keys = {
+        capture_key(scan, recipe),
+        capture_key(scan, replace(recipe, samples=17)),
+        capture_key(scan, replace(recipe, rig=replace(recipe.rig, pitch_deg=1.0))),
+        capture_key(scan, replace(recipe, renderer="blender")),
+        capture_key(replace(scan, sha256={"t1.obj": "1" * 64}), recipe),
+    }
+    monkeypatch.setattr(renderers.raycast, "_VERSION", 999)
+    keys.add(capture_key(scan, recipe))
+    assert len(keys) == 6
+    # Where a scan lies does not matter.
+    assert capture_key(replace(scan, mesh_path=scan.mesh_path / "x"), recipe) in keys
+
+
+def test_a_render_that_fails_its_proof_leaves_nothing(figure, recipe, scan, tmp_path, monkeypatch):
+    def shifted(self, mesh, recipe, directory, progress):
+        moved = np.eye(4)
+        moved[0, 3] = 2 * 3.0 / recipe.cameras()[0].K[0, 0]  # two pixels to the right
+        return original(self, mesh.transformed(moved), recipe, directory, progress)
+
+    original = renderers.raycast.RaycastRenderer.render
+    monkeypatch.setattr(renderers.raycast.RaycastRenderer, "render", shifted)
+    with pytest.raises(MethodError, match="the render of 't1' fails its proof"):
+        capture(scan, figure, recipe, tmp_path / "out" / "c")
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_missing_and_broken_textures(figure, recipe, scan, tmp_path):
+    with pytest.raises(DataError, match="has no texture to photograph"):
+        capture(scan, figure.geometry(), recipe, tmp_path / "c")
+    gone = tmp_path / "gone.png"
+    with pytest.raises(DataError, match=r"the texture of figure is missing.*gone\.png"):
+        capture(scan, replace(figure, texture=gone), recipe, tmp_path / "c")
+    gone.write_bytes(figure.texture.read_bytes()[:60])
+    with pytest.raises(DataError, match="is not a complete image"):
+        capture(scan, replace(figure, texture=gone), recipe, tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_an_unknown_renderer_is_answered_with_the_nearest(figure, recipe, scan, tmp_path):
+    with pytest.raises(HarnessError, match=r"unknown renderer 'blendr'.*Did you mean 'blender'"):
+        capture(scan, figure, replace(recipe, renderer="blendr"), tmp_path / "c")
+
+
+def test_a_capture_is_replaced_as_a_whole(figure, recipe, scan, tmp_path):
+    directory = tmp_path / "c"
+    (directory / "rgb").mkdir(parents=True)
+    (directory / "rgb" / "07.png").write_bytes(b"left from before")
+    capture(scan, figure, recipe, directory)
+    assert sorted(path.name for path in (directory / "rgb").iterdir()) == [
+        "00.png",
+        "01.png",
+        "02.png",
+    ]
+
+
+def test_ray_cast_colours_are_the_closed_form(figure, recipe, scan, tmp_path):
+    # Even light alone of strength 1 leaves the texture's colours as they are.
+    even = replace(recipe, light_strength=1.0, key_light_strength=0.0)
+    made = capture(scan, figure, even, tmp_path / "c")
+    rgba = load_rgba(made.image_path(0))
+    inside = rgba[..., 3] == 255
+    rows = np.flatnonzero(inside.any(axis=1))
+    assert (rgba[rows[0] + 20][inside[rows[0] + 20]][:, :3] == (200, 30, 30)).all()
+    assert (rgba[rows[-1] - 20][inside[rows[-1] - 20]][:, :3] == (30, 160, 30)).all()
+    assert not rgba[rgba[..., 3] == 0].any(), "empty pixels are empty in colour too"
