@@ -105,6 +105,7 @@ def integrate_front_back(
     prior: BodyPrior,
     K: ArrayLike | None = None,
     parameters: FrontBackParameters | None = None,
+    device: str = "cpu",
 ) -> FrontBackDepth:
     """Front and back depth maps with the given normals, near the body, closed at the silhouette.
 
@@ -115,12 +116,14 @@ def integrate_front_back(
         prior: The body's front and back depth.
         K: (3, 3) intrinsics in pixels for a perspective view, None for an orthographic one.
         parameters: Weights and stopping rule; None takes the published ones.
+        device: "cpu", or the torch device that solves the linear systems, such as "cuda".
 
     A part of the mask without any body behind it is carried by the overall offset of its sheet
     alone: its depth is a guess, its shape is not.
 
     Raises:
         DataError: as ``integrate_normals``; no body inside the mask; a body behind the camera.
+        MissingPart: this machine has no such device.
     """
     parameters = parameters or FrontBackParameters()
     mask = checked_mask(mask)
@@ -143,7 +146,7 @@ def integrate_front_back(
         slope_y=_stacked([side.slope_y for side in both], link_rows),
     )
     anchors = _anchors(space, mask, window, link_rows, parameters)
-    schedule = Schedule(parameters.k, parameters.max_iter, parameters.tol)
+    schedule = Schedule(parameters.k, parameters.max_iter, parameters.tol, device)
     values, energies = integrate(equations, schedule, anchors)
     sheets = [space.to_depth(sheet) for sheet in _unstacked(values, mask, window, link_rows)]
     return _finished(sheets, mask, parameters.cut_intersection, energies)

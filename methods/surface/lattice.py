@@ -19,9 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import dia_array
 
+from methods.surface.device_solver import conjugate_gradients_on
+
 __all__ = ["Couplings", "solve"]
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
 # Solving for the correction of a float64 iterate, single precision is far finer than the tolerance
 # and halves the memory traffic that conjugate gradients are made of.
@@ -58,12 +61,20 @@ class Couplings:
 
 
 def solve(
-    system: Couplings, start: Floats, tolerance: float, max_steps: int = 5000
+    system: Couplings,
+    start: Floats,
+    tolerance: float,
+    max_steps: int = 5000,
+    device: str = "cpu",
 ) -> tuple[Floats, int]:
     """Values (rows, columns) that satisfy the system, and the conjugate gradient steps taken.
 
     Starts from ``start`` (rows, columns) and stops when the residual is below ``tolerance`` times
     the length of the right-hand side. One step here does the work of two on the whole system.
+    ``device`` is "cpu" for numpy, else a torch device such as "cuda".
+
+    Raises:
+        MissingPart: this machine has no such device.
     """
     diagonal = system.diagonal.ravel()
     free = diagonal <= 0  # no equation: out of the system, and back to its start at the end
@@ -74,15 +85,15 @@ def solve(
     red = (np.where(free, 0.0, start.ravel()) / scale)[0::2]
     reduced = target[0::2] + from_black @ target[1::2]
     residual = reduced - red + from_black @ (from_red @ red)
-    limit = tolerance * float(np.linalg.norm(system.target))
-    correction, steps = _conjugate_gradients(
-        _working(from_black),
-        _working(from_red),
-        residual.astype(_WORKING),
-        # The stopping rule is about the residual of the unscaled equations.
-        (1.0 / scale[0::2]).astype(_WORKING),
-        (limit, max_steps),
-    )
+    # The stopping rule is about the residual of the unscaled equations.
+    unscale = (1.0 / scale[0::2]).astype(_WORKING)
+    stop = (tolerance * float(np.linalg.norm(system.target)), max_steps)
+    operators = (_working(from_black), _working(from_red))
+    residual = residual.astype(_WORKING)
+    if device == "cpu":
+        correction, steps = _conjugate_gradients(operators, residual, unscale, stop)
+    else:
+        correction, steps = conjugate_gradients_on(device, operators, residual, unscale, stop)
     values = np.empty(diagonal.size)
     values[0::2] = red + correction
     values[1::2] = target[1::2] + from_red @ values[0::2]
@@ -118,13 +129,13 @@ def _working(operator: dia_array) -> dia_array:
 
 
 def _conjugate_gradients(
-    from_black: dia_array,
-    from_red: dia_array,
-    residual: NDArray[np.float32],
-    unscale: NDArray[np.float32],
+    operators: tuple[dia_array, dia_array],
+    residual: Singles,
+    unscale: Singles,
     stop: tuple[float, int],
-) -> tuple[NDArray[np.float32], int]:
-    """The x with ``(I - from_black from_red) x = residual``, and the steps taken."""
+) -> tuple[Singles, int]:
+    """The x with ``(I - A B) x = residual`` for operators (A, B), and the steps taken."""
+    from_black, from_red = operators
     limit, max_steps = stop
     solution = np.zeros_like(residual)
     direction = residual.copy()

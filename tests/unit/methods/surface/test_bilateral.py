@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -88,7 +86,7 @@ class DenseTwin:
             rows, sides, strengths = self.statements(weights)
             root = np.sqrt(strengths)
             values = np.linalg.lstsq(rows * root[:, None], sides * root, rcond=None)[0]
-            sharpness = schedule.round(number)[0]
+            sharpness = schedule.sharpness(number)
             steps = (rows[: 4 * len(self.pixels)] @ values).reshape(-1, 4)
             for pixel, (right, left, down, up) in zip(self.pixels, steps, strict=True):
                 for one, other, ahead, back in (
@@ -107,7 +105,7 @@ class DenseTwin:
 def test_rounds_agree_with_dense_twin(seed: int, anchored: bool) -> None:
     equations = random_equations(seed, (14, 9))
     anchors = random_anchors(seed, equations, 7) if anchored else None
-    schedule = Schedule(k=2.0, max_iter=4, tol=1e-12, solver_ramp=(1e-6, 1.0), solver_tol=1e-6)
+    schedule = Schedule(k=2.0, max_iter=4, tol=1e-12, solver_tol=1e-6)
     depth, energies = integrate(equations, schedule, anchors)
     expected, expected_energies = DenseTwin(equations, anchors).run(schedule, 4)
     np.testing.assert_allclose(energies, expected_energies, rtol=1e-4)
@@ -122,15 +120,13 @@ def test_rounds_agree_with_dense_twin(seed: int, anchored: bool) -> None:
     np.testing.assert_allclose(found, expected, atol=5e-3)
 
 
-def test_both_ramps_end_before_the_loop_may_stop() -> None:
-    schedule = Schedule(k=2.0, max_iter=100, tol=1e-4)
-    rounds = [schedule.round(index) for index in range(12)]
-    assert rounds[0][:2] == (0.5, 1e-2)
-    assert rounds[-1] == (2.0, 1e-3, True)
-    assert all(s <= t for (s, _, _), (t, _, _) in pairwise(rounds))
-    equations = random_equations(0, (14, 9))
-    _, energies = integrate(equations, Schedule(k=2.0, max_iter=100, tol=10.0))
-    assert len(energies) == 1 + next(i for i, r in enumerate(rounds) if r[2])
+def test_the_loop_compares_energies_of_the_full_sharpness_only() -> None:
+    schedule = Schedule(k=2.0, max_iter=100, tol=10.0)
+    assert [schedule.sharpness(index) for index in range(4)] == [0.5, 1.0, 2.0, 2.0]
+    _, energies = integrate(random_equations(0, (14, 9)), schedule)
+    assert len(energies) == 4
+    _, energies = integrate(random_equations(0, (14, 9)), Schedule(2.0, 100, 10.0, ramp=()))
+    assert len(energies) == 2
 
 
 def test_loop_ends_at_max_iter() -> None:

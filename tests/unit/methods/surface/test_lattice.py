@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.core.errors import MissingPart
 from methods.surface.lattice import Couplings, solve
 
 
@@ -82,3 +83,34 @@ def test_pixels_without_equation_keep_their_value() -> None:
     solution, steps = solve(Couplings(zeros, zeros, zeros, zeros), start, 1e-3)
     assert steps == 0
     np.testing.assert_array_equal(solution, start)
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_torch_takes_the_same_steps(linked: bool) -> None:
+    """On torch's own CPU: the code path of a GPU, on every machine."""
+    import torch
+
+    system = random_system(3, linked=linked)
+    start = np.random.default_rng(5).normal(size=system.diagonal.shape)
+    ours, steps = solve(system, start, 1e-5)
+    torchs, torch_steps = solve(system, start, 1e-5, device=str(torch.device("cpu", 0)))
+    np.testing.assert_allclose(torchs, ours, atol=1e-4)
+    assert steps <= torch_steps < steps + 8
+
+
+def test_torch_stays_finite_when_nothing_is_left_to_do() -> None:
+    system = random_system(3, linked=False)
+    exact = np.linalg.solve(dense(system), system.target.ravel()).reshape(10, 7)
+    solution, steps = solve(system, exact, 1e-6, device="cpu:0")
+    assert steps == 0
+    solution, _ = solve(system, np.zeros((10, 7)), 1e-30, max_steps=400, device="cpu:0")
+    np.testing.assert_allclose(solution, exact, atol=1e-5)
+
+
+def test_a_missing_gpu_is_said() -> None:
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a GPU")
+    with pytest.raises(MissingPart, match="Choose the device 'cpu'"):
+        solve(random_system(0, linked=False), np.zeros((10, 7)), 1e-3, device="cuda")

@@ -1,0 +1,83 @@
+"""The conjugate gradients of ``lattice`` on a torch device, for maps of many pixels and a GPU."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, dia_array
+
+from harness.core.errors import MissingPart
+
+if TYPE_CHECKING:
+    import torch
+
+__all__ = ["conjugate_gradients_on"]
+
+Singles = NDArray[np.float32]
+
+# Reading the residual back stalls the device; a few steps too many cost less.
+_STEPS_BETWEEN_READINGS = 8
+
+
+def conjugate_gradients_on(
+    device: str,
+    operators: tuple[dia_array, dia_array],
+    residual: Singles,
+    unscale: Singles,
+    stop: tuple[float, int],
+) -> tuple[Singles, int]:
+    """The x with ``(I - A B) x = residual`` for operators (A, B), and the steps taken.
+
+    The arithmetic is that of the processor's version, the order of the sums is not. It ends when
+    ``|unscale * remaining residual|`` is below ``stop[0]``, or after ``stop[1]`` steps.
+
+    Raises:
+        MissingPart: this machine has no such device.
+    """
+    import torch
+
+    if device.startswith("cuda") and not torch.cuda.is_available():
+        raise MissingPart(
+            "normals cannot be integrated on the GPU",
+            expected=f"a device '{device}' that torch can use",
+            got="none",
+            hint="Choose the device 'cpu'",
+        )
+    limit, max_steps = stop
+    left, right = (_on_device(operator, device) for operator in operators)
+    remaining = torch.from_numpy(residual.copy()).to(device)
+    weights = torch.from_numpy(unscale).to(device)
+    tiny = torch.tensor(torch.finfo(torch.float32).tiny, device=device)
+    solution, direction = torch.zeros_like(remaining), remaining.clone()
+    squared = torch.dot(remaining, remaining)
+    steps = 0
+    for steps in range(max_steps + 1):
+        reading = steps % _STEPS_BETWEEN_READINGS == 0
+        if steps == max_steps or (reading and float((weights * remaining).norm()) <= limit):
+            break
+        product = direction - left @ (right @ direction)
+        # Once nothing remains, both quotients have to stay finite until the next reading.
+        length = squared / torch.maximum(torch.dot(direction, product), tiny)
+        solution += length * direction
+        remaining -= length * product
+        previous, squared = squared, torch.dot(remaining, remaining)
+        direction = remaining + (squared / torch.maximum(previous, tiny)) * direction
+    return solution.cpu().numpy(), steps
+
+
+def _on_device(operator: dia_array, device: str) -> torch.Tensor:
+    import torch
+
+    rows = csr_array(operator, dtype=np.float32)
+    with warnings.catch_warnings():
+        # torch calls its CSR tensors beta; the product with a vector is all that is used.
+        warnings.filterwarnings("ignore", message="Sparse", category=UserWarning)
+        return torch.sparse_csr_tensor(
+            torch.from_numpy(rows.indptr.astype(np.int32)),
+            torch.from_numpy(rows.indices.astype(np.int32)),
+            torch.from_numpy(rows.data),
+            size=rows.shape,
+        ).to(device)
