@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from methods.surface import BodyPrior, integrate_front_back, integrate_normals
 
-# One thread of the plain way takes about five times as long; the bound leaves room for noise.
+# On one thread the plain way takes three to five times as long; the bound leaves room for noise.
 LEAST_SPEEDUP = 2.0
 
 
