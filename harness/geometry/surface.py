@@ -62,20 +62,21 @@ def vertex_normals(mesh: Mesh) -> Floats:
     the faces cancel each other, as on both sides of a sheet without thickness, and at vertices
     without faces the normal is zero.
     """
+    return _vertex_normals(mesh, mesh.face_normals())
+
+
+def _vertex_normals(mesh: Mesh, face_vectors: Floats) -> Floats:
     group = merged_positions(mesh.vertices)
-    weighted = mesh.face_normals()
-    corners = group[mesh.faces]
+    corners = group[mesh.faces].T
     count = int(group.max()) + 1
-    sums = np.zeros((count, 3))
-    total = np.zeros(count)
-    areas = np.linalg.norm(weighted, axis=1)
-    for corner in corners.T:
-        total += np.bincount(corner, areas, count)
-        for axis in range(3):
-            sums[:, axis] += np.bincount(corner, weighted[:, axis], count)
-    lengths = np.linalg.norm(sums, axis=1)
-    kept = lengths > _CANCELLED * total
-    sums /= np.where(kept, lengths, np.inf)[:, None]
+    lengths = np.linalg.norm(face_vectors, axis=1)
+    total = sum(np.bincount(corner, lengths, count) for corner in corners)
+    sums = np.stack(
+        [sum(np.bincount(corner, axis, count) for corner in corners) for axis in face_vectors.T],
+        axis=1,
+    )
+    norms = np.linalg.norm(sums, axis=1)
+    sums /= np.where(norms > _CANCELLED * total, norms, np.inf)[:, None]
     return sums[group]
 
 
@@ -85,18 +86,44 @@ class SurfaceIndex:
     The search runs in float32 (Open3D on Embree), on coordinates from which the centre of the mesh
     was subtracted in float64, so that a far-away origin costs no precision: at the size of a person
     distances are right to 0.3 micrometres. Faces without area are left out.
+
+    Attributes:
+        mesh: What was indexed.
+        bounds: (2, 3) lower and upper corner of the box around all faces with an area.
+        face_vectors: (F, 3) outward normals of the faces, twice their area long.
+        face_areas: (F,) in the mesh's unit, squared.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
-        self.origin = mesh.bounds.mean(axis=0)
-        self._searchable = np.flatnonzero(mesh.face_areas() > 0)
-        self._scene = _raycasting_scene(mesh, self.origin, mesh.faces[self._searchable])
+        self.face_vectors = mesh.face_normals()
+        self.face_areas = np.linalg.norm(self.face_vectors, axis=1) / 2
+        self._searchable = np.flatnonzero(self.face_areas > 0)
+        used = np.zeros(len(mesh.vertices), dtype=bool)
+        used[mesh.faces[self._searchable]] = True
+        positions = mesh.vertices[used]
+        self.bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
+        self._scene = _raycasting_scene(mesh, self.centre, mesh.faces[self._searchable])
+
+    @property
+    def centre(self) -> Floats:
+        """(3,) of the bounding box."""
+        return self.bounds.mean(axis=0)
+
+    @property
+    def extent(self) -> Floats:
+        """(3,) side lengths of the bounding box."""
+        return self.bounds[1] - self.bounds[0]
+
+    @cached_property
+    def area(self) -> float:
+        """Of all faces, in the mesh's unit, squared."""
+        return float(self.face_areas.sum())
 
     @cached_property
     def vertex_normals(self) -> Floats:
         """(V, 3) see ``vertex_normals``."""
-        return vertex_normals(self.mesh)
+        return _vertex_normals(self.mesh, self.face_vectors)
 
     def closest(self, points: Floats) -> tuple[SurfacePoints, Floats]:
         """The nearest points of the surface to (N, 3) query points, and their (N,) distances.
@@ -104,7 +131,7 @@ class SurfaceIndex:
         Raises:
             DataError: a query point is not finite, or absurdly far away.
         """
-        query = np.asarray(points, dtype=np.float64) - self.origin
+        query = np.asarray(points, dtype=np.float64) - self.centre
         answer = self._scene.compute_closest_points(
             _tensor32(query, f"a point to measure against {self.mesh.source}")
         )
@@ -126,13 +153,12 @@ class SurfaceIndex:
         lengths = np.linalg.norm(blended, axis=1)
         cancelled = lengths < _CANCELLED
         if cancelled.any():
-            a, b, c = self.mesh.vertices[self.mesh.faces[where.faces[cancelled]]].swapaxes(0, 1)
-            blended[cancelled] = np.cross(b - a, c - a)
+            blended[cancelled] = self.face_vectors[where.faces[cancelled]]
             lengths[cancelled] = np.linalg.norm(blended[cancelled], axis=1)
         return blended / lengths[:, None]
 
 
-def _blend(values: Floats, corners: NDArray[np.int32], weights: Floats) -> Floats:
+def _blend(values: Floats, corners: NDArray[np.integer[Any]], weights: Floats) -> Floats:
     """(N, 3) sums of the values at (N, 3) corners, weighted."""
     blended = values[corners[:, 0]] * weights[:, :1]
     for corner in (1, 2):
@@ -140,7 +166,7 @@ def _blend(values: Floats, corners: NDArray[np.int32], weights: Floats) -> Float
     return blended
 
 
-def _raycasting_scene(mesh: Mesh, origin: Floats, faces: NDArray[np.int32]) -> Any:
+def _raycasting_scene(mesh: Mesh, origin: Floats, faces: NDArray[np.integer[Any]]) -> Any:
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()

@@ -1,0 +1,184 @@
+"""The score of a reconstruction: all metrics of one pair of meshes under one protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.errors import HarnessError
+from harness.core.hashing import derive_seed
+from harness.core.mesh import Mesh
+from harness.core.records import MetricValue
+from harness.core.settings import MetricProtocol
+from harness.geometry.surface import SurfaceIndex, SurfacePoints
+from metrics.diagnostics import describe_distances, describe_mesh, f_scores, winding_warnings
+from metrics.distance import (
+    chamfer_point_to_surface,
+    chamfer_sample_to_sample,
+    nearest_surface_mm,
+    point_to_surface,
+)
+from metrics.normals import angles_deg, normal_diagnostics, normal_error
+from metrics.placement import check_scale_and_place, check_turn, unit_warnings
+from metrics.sampling import sample_surface
+
+__all__ = ["PointErrors", "Score", "score"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointErrors:
+    """The errors behind the means, one per point drawn on a surface.
+
+    Attributes:
+        points: (N, 3) metres, world frame.
+        distances_mm: (N,) to the nearest point of the other surface.
+        normal_errors_deg: (N,) between the smooth normals at both.
+    """
+
+    points: Floats
+    distances_mm: Floats
+    normal_errors_deg: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Score:
+    """What ``score`` found.
+
+    Attributes:
+        protocol: How the numbers were made; numbers of different protocols are not comparable.
+        metrics: ``chamfer``, ``p2s_accuracy``, ``p2s_completeness`` and ``normal_error``.
+        diagnostics: Percentiles, F-scores and what the meshes are like; plain JSON values.
+        warnings: What a reader of the numbers should know.
+        predicted_points: Errors of the points on the prediction, where asked for.
+        truth_points: Errors of the points on the truth, where asked for.
+    """
+
+    protocol: MetricProtocol
+    metrics: Mapping[str, MetricValue]
+    diagnostics: Mapping[str, object]
+    warnings: tuple[str, ...]
+    predicted_points: PointErrors | None = None
+    truth_points: PointErrors | None = None
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values, without the errors point by point."""
+        return {
+            "protocol": {**self.protocol.to_dict(), "sha": self.protocol.sha},
+            "metrics": {name: value.to_dict() for name, value in self.metrics.items()},
+            "diagnostics": dict(self.diagnostics),
+            "warnings": list(self.warnings),
+        }
+
+
+def score(
+    predicted: Mesh, truth: Mesh, protocol: MetricProtocol, *, keep_points: bool = False
+) -> Score:
+    """Every metric of a reconstruction against the true surface.
+
+    Nothing is aligned, rescaled, cropped or repaired. The points on the truth depend on the truth
+    and the protocol alone, so that all methods are measured at the same points.
+
+    Args:
+        predicted: Reconstruction, in metres, world frame.
+        truth: What it should be, likewise.
+        protocol: How many points, how drawn, and which Chamfer.
+        keep_points: Whether the errors are wanted point by point.
+
+    Raises:
+        DataError: the meshes do not share unit and frame, or hold numbers that cannot be searched.
+        HarnessError: a protocol that contradicts itself.
+    """
+    _check_protocol(protocol)
+    sides = _Side.of(predicted, "predicted", protocol), _Side.of(truth, "truth", protocol)
+    check_scale_and_place(sides[0].surface, sides[1].surface, protocol.minimum_scale_ratio)
+    doubts = check_turn(sides[0].samples.points, sides[0].surface.centre, sides[1].surface)
+    there, back = _errors(sides[0], sides[1]), _errors(sides[1], sides[0])
+    meshes = {
+        "predicted": describe_mesh(sides[0].surface),
+        "truth": describe_mesh(sides[1].surface),
+    }
+    return Score(
+        protocol=protocol,
+        metrics=_metrics(sides, there, back, protocol),
+        diagnostics={
+            "alignment": "none",
+            "predicted_to_truth": describe_distances(there.distances_mm),
+            "truth_to_predicted": describe_distances(back.distances_mm),
+            "f_score": f_scores(there.distances_mm, back.distances_mm),
+            "normals": {
+                **normal_diagnostics(there.normal_errors_deg),
+                "truth_to_predicted_mean_deg": float(back.normal_errors_deg.mean()),
+            },
+            "meshes": meshes,
+        },
+        warnings=(
+            *doubts,
+            *unit_warnings(sides[1].surface),
+            *winding_warnings(meshes, there.normal_errors_deg),
+        ),
+        predicted_points=there if keep_points else None,
+        truth_points=back if keep_points else None,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """One of the two meshes, ready to be asked, and the points drawn on it."""
+
+    surface: SurfaceIndex
+    samples: SurfacePoints
+
+    @classmethod
+    def of(cls, mesh: Mesh, role: str, protocol: MetricProtocol) -> _Side:
+        surface = SurfaceIndex(mesh)
+        seed = derive_seed(protocol.seed, role)
+        samples = sample_surface(surface, protocol.samples, protocol.sampling, seed)
+        return cls(surface, samples)
+
+
+def _errors(sampled: _Side, other: _Side) -> PointErrors:
+    closest, distances_mm = nearest_surface_mm(sampled.samples.points, other.surface)
+    return PointErrors(
+        points=sampled.samples.points,
+        distances_mm=distances_mm,
+        normal_errors_deg=angles_deg(
+            sampled.surface.normals(sampled.samples), other.surface.normals(closest)
+        ),
+    )
+
+
+def _metrics(
+    sides: tuple[_Side, _Side], there: PointErrors, back: PointErrors, protocol: MetricProtocol
+) -> dict[str, MetricValue]:
+    accuracy = point_to_surface(there.distances_mm, protocol.sampling)
+    completeness = point_to_surface(back.distances_mm, protocol.sampling)
+    if protocol.chamfer == "sample-to-sample":
+        areas = [side.surface.area for side in sides]
+        chamfer = chamfer_sample_to_sample(there.points, back.points, areas)
+    else:
+        chamfer = chamfer_point_to_surface(accuracy, completeness)
+    return {
+        "chamfer": chamfer,
+        "p2s_accuracy": accuracy,
+        "p2s_completeness": completeness,
+        "normal_error": normal_error(there.normal_errors_deg, protocol.sampling),
+    }
+
+
+def _check_protocol(protocol: MetricProtocol) -> None:
+    if protocol.samples < 1:
+        raise HarnessError(
+            f"protocol {protocol.name} draws no points", expected="samples: 1 or more"
+        )
+    if protocol.chamfer == "sample-to-sample" and protocol.sampling != "independent":
+        raise HarnessError(
+            f"protocol {protocol.name} contradicts itself",
+            expected="sampling: independent with chamfer: sample-to-sample, for only then is the "
+            "sampling floor known",
+            got=f"sampling: {protocol.sampling}",
+        )
