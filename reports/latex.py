@@ -64,15 +64,19 @@ _ACCENTS = {
 def to_latex(table: Table) -> str:
     """A ``table`` environment: caption, rows, the published block where asked for, footnotes."""
     header = header_line(table, _LATEX)
+    units = ["", *([] if table.complete else [""]), *map(_unit, table.columns)]
     lines = [
         r"% Needs \usepackage{booktabs}.",
         r"\begin{table}[t]",
         r"  \centering",
         rf"  \caption{{{escape(table.caption)}}}",
         rf"  \label{{tab:{table.name}}}",
+        r"  \par\smallskip",
+        r"  \small\setlength{\tabcolsep}{4pt}",
         rf"  \begin{{tabular}}{{l{'r' * (len(header) - 1)}}}",
         r"    \toprule",
         _line(header),
+        _line(units),
         r"    \midrule",
         *map(_line, body_lines(table, _LATEX)),
     ]
@@ -106,9 +110,15 @@ def _escape_character(character: str) -> str:
     return f"[U+{ord(character):04X}]"
 
 
-def _heading(column: Column) -> str:
+def _unit(column: Column) -> str:
     arrow = r" $\downarrow$" if column.ranked else ""
-    return f"{column.latex_title} ({escape(column.unit)}){arrow}"
+    return f"({escape(column.unit)}){arrow}"
+
+
+def _stacked(number: str, low: str, high: str) -> str:
+    # Below the number, not beside it, or four metrics are wider than a page.
+    interval = rf"{{\scriptsize [{low}, {high}]}}"
+    return rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{number} \\ {interval}\end{{tabular}}"
 
 
 def _line(cells: list[str]) -> str:
@@ -120,9 +130,9 @@ def _line(cells: list[str]) -> str:
 
 _LATEX = Markup(
     escape=escape,
-    heading=_heading,
+    heading=lambda column: column.latex_title,
     bold=lambda text: rf"\textbf{{{text}}}",
     raised=lambda mark: rf"\textsuperscript{{{escape(mark)}}}",
-    interval=lambda low, high: rf"{{\scriptsize [{low}, {high}]}}",
+    interval=_stacked,
     indent=r"\quad ",
 )

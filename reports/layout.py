@@ -15,13 +15,16 @@ _PUBLISHED_MARK = "†"
 
 @dataclass(frozen=True, slots=True)
 class Markup:
-    """How one language writes what a table needs; every function returns source text."""
+    """How one language writes what a table needs; every function returns source text.
+
+    ``interval`` takes a number already marked up and the ends of its interval.
+    """
 
     escape: Callable[[str], str]
     heading: Callable[[Column], str]
     bold: Callable[[str], str]
     raised: Callable[[str], str]
-    interval: Callable[[str, str], str]
+    interval: Callable[[str, str, str], str]
     indent: str
 
 
@@ -61,7 +64,7 @@ def _number(column: Column, cell: Cell | None, markup: Markup, *, best: bool = F
     shown = markup.bold(text) if best else text
     if cell.low is None or cell.high is None:
         return shown
-    return f"{shown} {markup.interval(column.text(cell.low), column.text(cell.high))}"
+    return markup.interval(shown, column.text(cell.low), column.text(cell.high))
 
 
 def published_lines(table: Table, block: PublishedBlock, markup: Markup) -> list[list[str]]:

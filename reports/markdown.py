@@ -40,6 +40,6 @@ _MARKDOWN = Markup(
     heading=_heading,
     bold=lambda text: f"**{text}**",
     raised=lambda mark: f"<sup>{mark}</sup>",
-    interval=lambda low, high: f"\\[{low}, {high}\\]",
+    interval=lambda number, low, high: f"{number} \\[{low}, {high}\\]",
     indent="&emsp;",
 )
