@@ -1,0 +1,124 @@
+"""The floors hold, and each contract bites when its violation is planted."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
+CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CONTRACTS = [contract["name"] for contract in CONFIG["tool"]["importlinter"]["contracts"]]
+
+FLOORS, CLOSED, EMPTY, LIGHT, BLENDER = CONTRACTS
+
+#: A contract, the file that breaks it, and the line that does.
+PLANTS = [
+    (FLOORS, "harness/core/units.py", "import harness.geometry"),
+    (FLOORS, "harness/geometry/screen.py", "import metrics"),
+    (FLOORS, "methods/gt.py", "import harness.data"),
+    (FLOORS, "methods/gt.py", "import metrics"),
+    (FLOORS, "reports/formats.py", "import renderers"),
+    (FLOORS, "metrics/sampling.py", "def later():\n    import harness.pipeline"),
+    (FLOORS, "harness/pipeline/plan.py", "import harness.cli"),
+    (CLOSED, "harness/stray.py", ""),
+    (EMPTY, "harness/__init__.py", "import harness.core.units"),
+    (LIGHT, "harness/core/units.py", "import torch"),
+    (LIGHT, "harness/core/mesh.py", "def later():\n    import scipy.spatial"),
+    (BLENDER, "methods/hull.py", "import bpy"),
+    (BLENDER, "renderers/catalog.py", "def later():\n    import mathutils"),
+]
+
+
+def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def verdicts(output: str) -> dict[str, str]:
+    found = {
+        name: re.search(rf"^{re.escape(name)} (KEPT|BROKEN)", output, re.MULTILINE)
+        for name in CONTRACTS
+    }
+    return {name: match[1] if match else "not run" for name, match in found.items()}
+
+
+def test_every_contract_is_kept() -> None:
+    done = lint_imports(ROOT)
+
+    assert verdicts(done.stdout) == dict.fromkeys(CONTRACTS, "KEPT"), done.stdout + done.stderr
+    assert done.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tree")
+    for package in PACKAGES:
+        ignore = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, folder / package, ignore=ignore)
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("contract", "file", "line"), PLANTS, ids=[f"{file} {line}" for _, file, line in PLANTS]
+)
+def test_a_planted_violation_breaks_its_contract(
+    copy: Path, contract: str, file: str, line: str
+) -> None:
+    path = copy / file
+    original = path.read_text() if path.exists() else None
+    path.write_text(f"{original or ''}\n{line}\n")
+    try:
+        done = lint_imports(copy)
+    finally:
+        path.unlink() if original is None else path.write_text(original)
+
+    assert verdicts(done.stdout)[contract] == "BROKEN", done.stdout + done.stderr
+    assert done.returncode == 1
+
+
+def test_every_contract_has_a_planted_violation() -> None:
+    assert {contract for contract, *_ in PLANTS} == set(CONTRACTS)
+
+
+def imports_blender(source: str) -> bool:
+    """Whether a module imports Blender's packages anywhere, by statement or by name."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            names |= {str(arg.value) for arg in node.args if isinstance(arg, ast.Constant)}
+    return any(name.split(".")[0] in ("bpy", "bmesh", "mathutils") for name in names)
+
+
+def test_only_workers_import_blender() -> None:
+    sources = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    importing = {path for path in sources if imports_blender(path.read_text())}
+
+    assert importing, "the renderer has a worker"
+    assert {path.name for path in importing if not path.stem.endswith("worker")} == set()
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import bpy",
+        "from mathutils import Vector",
+        "def f():\n    import bmesh.ops",
+        "import importlib\nimportlib.import_module('bpy')",
+    ],
+)
+def test_the_search_for_blender_bites(source: str) -> None:
+    assert imports_blender(source)
+    assert not imports_blender(source.replace("b", "c").replace("mathutils", "math"))

@@ -1,0 +1,51 @@
+"""Listing and helping cost no heavy import."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = {
+    "anny", "bpy", "jax", "matplotlib", "mediapipe", "onnxruntime", "open3d", "pandas", "plotly",
+    "scipy", "skimage", "torch", "trimesh", "warp",
+}  # fmt: skip
+SCRIPT = str(Path(sys.executable).with_name("harness"))
+
+
+def imported(*arguments: str) -> set[str]:
+    """The top-level packages that a Python command imports."""
+    command = [sys.executable, "-X", "importtime", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    lines = [line for line in done.stderr.splitlines() if line.startswith("import time:")]
+    return {line.rsplit("|", 1)[1].strip().split(".")[0] for line in lines}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("-c", "import harness"),
+        ("-c", "import harness.core.mesh_files, harness.core.records, harness.core.workers"),
+        ("-c", "import harness.data, methods, metrics, renderers, reports, methods.catalog"),
+        ("-m", "harness.cli.main", "--help"),
+        (SCRIPT, "--help"),
+        (SCRIPT, "eval", "--help"),
+        (SCRIPT, "data", "list", "--help"),
+    ],
+    ids=lambda arguments: " ".join(arguments).replace(SCRIPT, "harness"),
+)
+def test_nothing_heavy_is_imported(arguments: tuple[str, ...]) -> None:
+    packages = imported(*arguments)
+
+    assert "harness" in packages
+    assert packages & HEAVY == set()
+
+
+def test_importing_the_harness_imports_nothing_else_of_ours() -> None:
+    assert imported("-c", "import harness") & {"numpy", "pydantic", "typer", "yaml"} == set()
+
+
+def test_the_guard_bites() -> None:
+    assert "scipy" in imported("-c", "import harness, scipy")

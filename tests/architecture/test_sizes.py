@@ -1,0 +1,81 @@
+"""Modules and functions fit a screen, and no module is a drawer for odds and ends."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
+MODULE_LINES, FUNCTION_LINES, PARAMETERS = 400, 60, 6
+DRAWERS = {"common", "helper", "helpers", "misc", "util", "utils"}
+
+
+def complaints(name: str, source: str) -> list[str]:
+    """What is too large in a module or wrong with its name."""
+    found: list[str] = []
+    if Path(name).stem in DRAWERS or DRAWERS & set(Path(name).parts):
+        found.append(f"{name}: a module says what is in it")
+    lines = source.count("\n")
+    if lines > MODULE_LINES:
+        found.append(f"{name}: {lines} lines")
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+        length = (node.end_lineno or first) - first + 1
+        if length > FUNCTION_LINES:
+            found.append(f"{name}:{node.lineno} {node.name}: {length} lines")
+        arguments = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+        count = len([argument for argument in arguments if argument.arg not in ("self", "cls")])
+        # The command line's options are the parameters of its verbs.
+        if count > PARAMETERS and not name.startswith("harness/cli/"):
+            found.append(f"{name}:{node.lineno} {node.name}: {count} parameters")
+    return found
+
+
+def test_every_module_fits() -> None:
+    paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    found = [
+        complaint
+        for path in paths
+        for complaint in complaints(path.relative_to(ROOT).as_posix(), path.read_text())
+    ]
+
+    assert len(paths) > 50
+    assert found == []
+
+
+def test_tests_have_no_drawers_either() -> None:
+    names = {path.stem for path in (ROOT / "tests").rglob("*.py")}
+
+    assert names & DRAWERS == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "complaint"),
+    [
+        ("harness/core/a.py", "x = 1\n" * 401, "harness/core/a.py: 401 lines"),
+        ("metrics/a.py", "def f():\n" + "    x = 1\n" * 60, "metrics/a.py:1 f: 61 lines"),
+        ("metrics/a.py", "class A:\n def f(self, a, b, c, *, d, e, f, g): ...", "f: 7 parameters"),
+        ("metrics/utils.py", "", "a module says what is in it"),
+        ("metrics/helpers/a.py", "", "a module says what is in it"),
+    ],
+)
+def test_the_gate_bites(name: str, source: str, complaint: str) -> None:
+    assert [text for text in complaints(name, source) if complaint in text]
+
+
+@pytest.mark.parametrize(
+    ("name", "source"),
+    [
+        ("harness/core/a.py", "x = 1\n" * 400),
+        ("metrics/a.py", "def f():\n" + "    x = 1\n" * 59),
+        ("metrics/a.py", "class A:\n def f(self, a, b, c, *, d, e, f): ..."),
+        ("harness/cli/a.py", "def f(a, b, c, d, e, f, g): ..."),
+    ],
+)
+def test_the_gate_lets_pass_what_fits(name: str, source: str) -> None:
+    assert complaints(name, source) == []
