@@ -57,10 +57,11 @@ def context(tmp_path: Path) -> Context:
 
 
 def test_the_hull_of_a_sphere_touches_it_and_contains_it(tmp_path, context):
-    result = hull8.reconstruct(photograph(sphere(RADIUS), tmp_path), context)
+    fine = hull8.configured({"voxel_m": "0.006"})
+    result = fine.reconstruct(photograph(sphere(RADIUS), tmp_path), context)
     mesh = result.mesh
     distance = np.linalg.norm(mesh.vertices, axis=1)
-    # A camera at distance d touches the equator at its yaw ± arccos(r / d): of eight cameras that is
+    # A camera at distance d touches the equator at yaw ± arccos(r / d): of eight cameras that is
     # a polygon of sixteen tangents, and its farthest corner lies in the middle of the wider gap.
     pixel_m = 3.0 / mesh_focal()
     touch_deg = np.degrees(np.arccos(RADIUS / 3.0))
