@@ -15,7 +15,7 @@ from reports.formats import to_csv, to_json
 from reports.geometry import geometry_table
 from reports.latex import to_latex
 from reports.markdown import to_markdown
-from reports.tables import Interval, Table
+from reports.tables import Table
 
 __all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "write_tables"]
 
@@ -66,7 +66,7 @@ def build_table(records: Sequence[Record], request: ReportRequest) -> str:
         records,
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,
-        interval=_bootstrap() if request.interval else None,
+        interval=_bootstrap if request.interval else None,
         published=request.published,
     )
     return write(table)
@@ -99,7 +99,10 @@ def _catalogue_order(records: Sequence[Record]) -> list[str]:
     return [*catalogued, *(name for name in present if name not in catalogued)]
 
 
-def _bootstrap() -> Interval:
+def _bootstrap(values: Sequence[float]) -> tuple[float, float]:
     from metrics.statistics import bootstrap_interval
 
-    return bootstrap_interval
+    found = bootstrap_interval(values)
+    if found.low is None or found.high is None:
+        raise HarnessError("an interval needs at least two subjects", got=f"{found.n}")
+    return found.low, found.high
