@@ -53,6 +53,7 @@ def capture(
         MissingPart: the renderer is not installed.
     """
     texture_of(mesh)
+    key = capture_key(scan, recipe)
     renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
     cameras = recipe.cameras()
     with atomic_directory(directory) as folder:
@@ -66,7 +67,7 @@ def capture(
             dataset=scan.dataset,
             subject=scan.subject,
             recipe=recipe.name,
-            key=capture_key(scan, recipe),
+            key=key,
             directory=directory,
             cameras=cameras,
             warnings=(*scan.warnings, *cut_warnings(proofs), *outcome.warnings),

@@ -1,5 +1,6 @@
 """A capture is whole or absent, says how it was made, and has a key of all that made it."""
 
+import importlib.metadata
 import json
 from dataclasses import replace
 
@@ -8,7 +9,7 @@ import pytest
 
 import renderers.raycast
 from harness.core.artifacts import Capture
-from harness.core.errors import DataError, HarnessError, MethodError
+from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
 from harness.core.frames import read_transforms_json
 from harness.geometry.images import load_rgba
 from renderers.capture import capture, capture_key
@@ -83,6 +84,15 @@ def test_missing_and_broken_textures(figure, recipe, scan, tmp_path):
 def test_an_unknown_renderer_is_answered_with_the_nearest(figure, recipe, scan, tmp_path):
     with pytest.raises(HarnessError, match=r"unknown renderer 'blendr'.*Did you mean 'blender'"):
         capture(scan, figure, replace(recipe, renderer="blendr"), tmp_path / "c")
+
+
+def test_without_blender_the_next_step_is_named(figure, recipe, scan, tmp_path, monkeypatch):
+    def absent(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", absent)
+    with pytest.raises(MissingPart, match=r"Blender is not installed.*renderer: raycast"):
+        capture(scan, figure, replace(recipe, renderer="blender"), tmp_path / "c")
 
 
 def test_a_capture_is_replaced_as_a_whole(figure, recipe, scan, tmp_path):
