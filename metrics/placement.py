@@ -74,7 +74,8 @@ def check_turn(points: Floats, centre: Floats, truth: SurfaceIndex) -> list[str]
     """Refuse a prediction that fits far better when its axes are read differently.
 
     All 48 ways to read the axes (24 turns, and their mirror images) are tried on some of the
-    points, about the box centres, so that a displacement or a wrong shape does not count as a turn.
+    points, about the box centres, and compared with the prediction both as it lies and moved to the
+    truth's centre, so that neither a displacement nor a wrong shape counts as a turn.
 
     Args:
         points: (N, 3) points sampled on the prediction.
@@ -88,11 +89,11 @@ def check_turn(points: Floats, centre: Floats, truth: SurfaceIndex) -> list[str]
         DataError: another reading at least halves the misfit; the message names it.
     """
     readings = _axis_readings()
-    chosen = points[:: max(1, len(points) // _TURN_POINTS)] - centre
-    turned = np.concatenate([chosen @ reading.T for reading in readings]) + truth.centre
-    _, distances = truth.closest(turned)
-    misfits = distances.reshape(len(readings), -1).mean(axis=1)
-    as_given, best = float(misfits[0]), int(np.argmin(misfits))
+    chosen = points[:: max(1, len(points) // _TURN_POINTS)]
+    turned = [(chosen - centre) @ reading.T + truth.centre for reading in readings]
+    _, distances = truth.closest(np.concatenate([chosen, *turned]))
+    in_place, *misfits = distances.reshape(1 + len(readings), -1).mean(axis=1).tolist()
+    as_given, best = min(in_place, misfits[0]), int(np.argmin(misfits))
     diagonal = float(np.linalg.norm(truth.extent))
     if as_given < max(_NOTABLE_MISFIT * diagonal, _TURN_IS_SUSPECT * misfits[best]):
         return []

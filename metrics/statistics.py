@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 RESAMPLES = 10_000
 #: Up to so many subjects all sign patterns are tried: 2^20 sums take 10 ms.
 _EXACT_UP_TO = 20
-_RANDOM_FLIPS = 100_000
+_RANDOM_FLIPS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ def paired_difference(
 def sign_flip_p_value(differences: Sequence[float] | Floats, *, seed: int = 0) -> float:
     """Two-sided p-value of "the differences are as likely to have the other sign" (Fisher, 1935).
 
-    Exact up to 20 subjects, from 100 000 random sign patterns beyond. Twenty subjects can give
+    Exact up to 20 subjects, from 20 000 random sign patterns beyond. Twenty subjects can give
     2e-6 at best, five no less than 0.06.
 
     Raises:
@@ -132,9 +132,7 @@ def sign_flip_p_value(differences: Sequence[float] | Floats, *, seed: int = 0) -
         as_given = 0
     else:
         generator = np.random.default_rng(derive_seed(seed, "sign flips"))
-        sums = np.array(
-            [generator.choice((-1.0, 1.0), len(data)) @ data for _ in range(_RANDOM_FLIPS)]
-        )
+        sums = (generator.integers(0, 2, (_RANDOM_FLIPS, len(data))) * 2.0 - 1.0) @ data
         # The pattern that was seen is one of those possible (Phipson & Smyth, 2010).
         as_given = 1
     # Sums that differ by rounding alone are equal.
