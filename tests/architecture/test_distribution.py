@@ -58,7 +58,7 @@ def test_the_search_for_machine_paths_lets_others_pass(text: str) -> None:
 
 def test_the_top_level_holds_what_the_design_names() -> None:
     named = PACKAGES | {
-        ".ci", ".github", ".gitignore", "CHANGELOG.md", "LICENSE", "README.md", "constraints.txt",
+        ".ci", ".github", ".gitignore", "CHANGELOG.md", "LICENSE", "README.md", "constraints.txt", "docs",
         "data_manifest.yaml", "pyproject.toml", "tests",
     }  # fmt: skip
 
