@@ -58,8 +58,8 @@ def test_the_search_for_machine_paths_lets_others_pass(text: str) -> None:
 
 def test_the_top_level_holds_what_the_design_names() -> None:
     named = PACKAGES | {
-        ".ci", ".github", ".gitignore", "CHANGELOG.md", "LICENSE", "README.md", "constraints.txt", "docs",
-        "data_manifest.yaml", "pyproject.toml", "tests",
+        ".ci", ".github", ".gitignore", "CHANGELOG.md", "LICENSE", "README.md", "constraints.txt",
+        "data_manifest.yaml", "docs", "pyproject.toml", "tests",
     }  # fmt: skip
 
     assert {path.relative_to(ROOT).parts[0] for path in tracked()} - named == set()
