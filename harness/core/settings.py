@@ -63,9 +63,10 @@ class RenderRecipe:
         height: Image height in pixels.
         renderer: Name in the renderer catalogue.
         samples: Light paths per pixel.
-        light_strength: Radiance of the neutral, uniform studio light that comes from everywhere.
-        key_light_strength: Radiance of a large soft light at the upper left of every view's camera
-            that lets folds cast shade; 0 turns it off.
+        light_strength: What a white, unshaded surface radiates under the neutral, uniform studio
+            light that comes from everywhere.
+        key_light_strength: What it radiates under the large soft light at the upper left of every
+            view's camera that lets folds cast shade; 0 turns it off. A sum of 1 just reaches white.
         denoise: Whether the renderer's denoiser runs on colour (alpha is never denoised).
         seed: Of the light paths.
         minimum_mask_iou: The proof: least IoU of alpha and ray-cast mask in any view.
@@ -80,8 +81,8 @@ class RenderRecipe:
     height: int
     renderer: str = "blender"
     samples: int = 16
-    light_strength: float = 0.8
-    key_light_strength: float = 1.0
+    light_strength: float = 0.45
+    key_light_strength: float = 0.55
     denoise: bool = True
     seed: int = 0
     minimum_mask_iou: float = 0.995

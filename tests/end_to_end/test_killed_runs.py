@@ -34,7 +34,7 @@ def timeless(world: Path) -> dict[str, object]:
 
 def reference(world: Path) -> dict[str, object]:
     """The records of an undisturbed run in a copy of the world."""
-    calm = world.with_name("calm")
+    calm = world.with_name(f"{world.name}-calm")
     shutil.copytree(world, calm)
     subprocess.run(COMMAND, cwd=calm, check=True, capture_output=True, timeout=300)
     return timeless(calm)
