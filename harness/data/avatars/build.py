@@ -14,7 +14,7 @@ from harness.data.avatars.hair import grow_hair, head_faces, head_square
 from harness.data.avatars.layer import Layer
 from harness.data.avatars.paint import painters
 from harness.data.avatars.recipe import AvatarRecipe
-from harness.data.avatars.surface import Floats, Patch, compact, subdivide
+from harness.data.avatars.surface import Floats, Ints, Patch, compact, subdivide
 from harness.data.avatars.texture import cell_uv, paint_atlas, texels_of
 from harness.data.avatars.visibility import outer_faces
 from harness.data.avatars.writer import TexturedMesh, write_avatar
@@ -56,7 +56,7 @@ def _fill_square(layer: Layer) -> Layer:
     return replace(layer, uv=uv)
 
 
-def _merge(layers: list[Layer]) -> tuple[Floats, ...]:
+def _merge(layers: list[Layer]) -> tuple[Floats, Ints, Floats, Ints, Ints]:
     """All layers' vertices, faces, placed uv, uv faces and labels as one set of arrays."""
     vertex_start = np.cumsum([0] + [len(layer.posed) for layer in layers[:-1]])
     uv_start = np.cumsum([0] + [len(layer.uv) for layer in layers[:-1]])

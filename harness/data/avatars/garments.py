@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.core.hashing import derive_seed
+from harness.core.mesh import Mesh
 from harness.data.avatars.anatomy import LimbPlace, limb_places, pattern_places, torso_axis
 from harness.data.avatars.body import PosedBody, skin_vertices
 from harness.data.avatars.layer import Layer
@@ -25,6 +26,7 @@ from harness.data.avatars.surface import (
     vertex_normals,
 )
 from harness.data.avatars.wardrobe import Bottom, Shoes, Top
+from harness.geometry.surface import SurfaceIndex
 
 __all__ = ["dress", "finish", "hem", "push_out"]
 
@@ -36,24 +38,19 @@ def _ramp(values: Floats, low: float, high: float) -> Floats:
 
 def push_out(points: Floats, surface: Floats, faces: Ints, gap: float) -> Floats:
     """Points (V,3), those nearer than ``gap`` metres to the surface or inside it moved outside."""
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(surface.astype(np.float32), faces.astype(np.uint32))
-    found = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
-    nearest = found["points"].numpy().astype(float)
-    normal = vertex_normals(surface, faces)[faces[found["primitive_ids"].numpy()]].mean(1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    height = np.einsum("vi,vi->v", points - nearest, normal)
+    index = SurfaceIndex(Mesh(surface, faces, source="the surface underneath"))
+    found, distance = index.closest(points)
+    normal = index.normals(found)
+    height = np.einsum("vi,vi->v", points - found.points, normal)
     lack = np.maximum(gap - height, 0)
     # Only what is near: a far point "under" a surface belongs to another part of the body.
-    lack[np.linalg.norm(points - nearest, axis=1) > 0.04] = 0
+    lack[distance > 0.04] = 0
     return points + lack[:, None] * normal
 
 
 def hem(patch: Patch, normals: Floats, depth: Floats) -> Patch:
     """The patch with its open borders turned in towards the body by ``depth`` (V,) metres."""
-    from scipy.sparse import vstack
+    from scipy.sparse import csr_matrix, vstack
 
     owner = np.zeros(len(patch.uv), np.int64)
     owner[patch.uv_faces.ravel()] = patch.faces.ravel()
@@ -70,7 +67,7 @@ def hem(patch: Patch, normals: Floats, depth: Floats) -> Patch:
     return Patch(
         np.concatenate([patch.vertices, inner]),
         np.concatenate([patch.faces, strip]),
-        vstack([patch.weights, patch.weights[ring]]).tocsr(),
+        csr_matrix(vstack([patch.weights, patch.weights[ring]])),
         patch.uv,
         np.concatenate([patch.uv_faces, corner[outer[strip]]]),
     )

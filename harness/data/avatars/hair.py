@@ -85,7 +85,7 @@ def _curtain(body: PosedBody, seed: int, length: float) -> Patch:
 
     scale = _scale(body)
     eye = eye_centre(body)
-    columns, rows = 96, 48
+    columns, rows = 72, 36
     turn = np.linspace(-1.0, 1.0, columns) * np.radians(108)
     fall = np.linspace(0, 1, rows)[:, None]
     start = 0.045 * scale
@@ -128,7 +128,7 @@ def _curtain(body: PosedBody, seed: int, length: float) -> Patch:
 
 def _two_sided(sheet: Patch, thickness: float) -> Patch:
     """A closed slab: the sheet, its reverse ``thickness`` metres behind it, and the rim."""
-    from scipy.sparse import vstack
+    from scipy.sparse import csr_matrix, vstack
 
     normals = vertex_normals(sheet.vertices, sheet.faces)
     count = len(sheet.vertices)
@@ -138,7 +138,7 @@ def _two_sided(sheet: Patch, thickness: float) -> Patch:
     return Patch(
         np.concatenate([sheet.vertices, sheet.vertices - thickness * normals]),
         faces,
-        vstack([sheet.weights, sheet.weights]).tocsr(),
+        csr_matrix(vstack([sheet.weights, sheet.weights])),
         sheet.uv,
         faces % count,
     )
@@ -173,12 +173,12 @@ def _knot(body: PosedBody, seed: int) -> Patch:
 
 def _joined(a: Patch, b: Patch, left: float) -> Patch:
     """Two patches in one, their texture squares side by side: ``a`` gets ``left`` of the width."""
-    from scipy.sparse import vstack
+    from scipy.sparse import csr_matrix, vstack
 
     return Patch(
         np.concatenate([a.vertices, b.vertices]),
         np.concatenate([a.faces, b.faces + len(a.vertices)]),
-        vstack([a.weights, b.weights]).tocsr(),
+        csr_matrix(vstack([a.weights, b.weights])),
         np.concatenate([a.uv * [left, 1], b.uv * [0.99 - left, 1] + [left + 0.01, 0]]),
         np.concatenate([a.uv_faces, b.uv_faces + len(a.uv)]),
     )

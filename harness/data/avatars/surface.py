@@ -73,7 +73,7 @@ def _loop_matrix(
     vertex_count: int, faces: Ints, edges: Ints, side_edge: Ints, count: Ints
 ) -> csr_matrix:
     """Loop's masks: the limit surface is smooth, borders are cubic B-splines of themselves."""
-    from scipy.sparse import coo_matrix, diags, vstack
+    from scipy.sparse import coo_matrix, csr_matrix, diags, vstack
 
     edge_ids = np.arange(len(edges))
     inner = count == 2
@@ -102,17 +102,17 @@ def _loop_matrix(
     share = np.where(border, 1 / 4, 3 / 8 + 0 * valence)
     share = np.where(border, 1 / 4, 5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2)
     even = diags(1 - share) + diags(share / valence) @ ring
-    return vstack([even, ends + wings]).tocsr()
+    return csr_matrix(vstack([even, ends + wings]))
 
 
 def _midpoint_matrix(vertex_count: int, edges: Ints) -> csr_matrix:
-    from scipy.sparse import coo_matrix, identity, vstack
+    from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 
     ids = np.repeat(np.arange(len(edges)), 2)
     middle = coo_matrix(
         (np.full(len(ids), 0.5), (ids, edges.ravel())), shape=(len(edges), vertex_count)
     )
-    return vstack([identity(vertex_count), middle]).tocsr()
+    return csr_matrix(vstack([identity(vertex_count), middle]))
 
 
 def _split_matrix(vertex_count: int, faces: Ints, rounded: bool) -> tuple[Ints, csr_matrix]:
@@ -129,13 +129,15 @@ def subdivide(patch: Patch, times: int = 1) -> Patch:
     """Each triangle in four, ``times`` over, positions by Loop's rule (C. Loop, 1987), texture
     corners and bone weights linearly.
     """
+    from scipy.sparse import csr_matrix
+
     for _ in range(times):
         faces, rounded = _split_matrix(len(patch.vertices), patch.faces, rounded=True)
         uv_faces, middle = _split_matrix(len(patch.uv), patch.uv_faces, rounded=False)
         patch = Patch(
             rounded @ patch.vertices,
             faces,
-            (rounded @ patch.weights).tocsr(),
+            csr_matrix(rounded @ patch.weights),
             middle @ patch.uv,
             uv_faces,
         )
@@ -174,7 +176,7 @@ def clip(patch: Patch, field: Floats) -> Patch:
 
     Crossed triangles are split, so that the new border is a smooth curve instead of a staircase.
     """
-    from scipy.sparse import coo_matrix, identity, vstack
+    from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 
     # A vertex exactly on the line would make zero-area slivers.
     field = np.where(np.abs(field) < 1e-7, 1e-7, field)
@@ -193,7 +195,7 @@ def clip(patch: Patch, field: Floats) -> Patch:
         new = coo_matrix((values, (rows, sides.ravel())), shape=(len(sides), size))
         names = {(int(a), int(b)): size + i for i, (a, b) in enumerate(sides)}
         split = _clip_side(faces[crossed], inside, names)
-        return np.concatenate([faces[count == 3], split]), vstack([identity(size), new]).tocsr()
+        return np.concatenate([faces[count == 3], split]), csr_matrix(vstack([identity(size), new]))
 
     owner = np.zeros(len(patch.uv), np.int64)
     owner[patch.uv_faces.ravel()] = patch.faces.ravel()
@@ -202,7 +204,7 @@ def clip(patch: Patch, field: Floats) -> Patch:
     clipped = Patch(
         matrix @ patch.vertices,
         faces,
-        (matrix @ patch.weights).tocsr(),
+        csr_matrix(matrix @ patch.weights),
         uv_matrix @ patch.uv,
         uv_faces,
     )

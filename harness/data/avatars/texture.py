@@ -9,6 +9,7 @@ import numpy as np
 
 from harness.data.avatars.anatomy import pattern_coordinates
 from harness.data.avatars.layer import Layer
+from harness.data.avatars.rays import RayScene
 from harness.data.avatars.surface import Floats, Ints
 
 __all__ = ["CELLS", "Texels", "cell_uv", "paint_atlas", "texels_of"]
@@ -52,25 +53,15 @@ def texels_of(layer: Layer, size: int) -> Texels:
     Texels are found by casting a ray through each onto the flattened triangles, which is exact at
     triangle borders.
     """
-    import open3d as o3d
-
     left, bottom, side = CELLS[layer.name]
     uv = cell_uv(layer.name, layer.uv)
-    flat = np.concatenate([uv, np.zeros((len(uv), 1))], 1)
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(flat.astype(np.float32), layer.uv_faces.astype(np.uint32))
+    scene = RayScene(np.concatenate([uv, np.zeros((len(uv), 1))], 1), layer.uv_faces)
     columns = np.arange(round(left * size), round((left + side) * size))
     rows = np.arange(round((1 - bottom - side) * size), round((1 - bottom) * size))
     grid_columns, grid_rows = (a.ravel() for a in np.meshgrid(columns, rows))
-    rays = np.zeros((len(grid_rows), 6), np.float32)
-    rays[:, 0] = (grid_columns + 0.5) / size
-    rays[:, 1] = 1 - (grid_rows + 0.5) / size
-    rays[:, 2], rays[:, 5] = 1, -1
-    found = scene.cast_rays(o3d.core.Tensor(rays))
-    hit = np.isfinite(found["t_hit"].numpy())
-    face = found["primitive_ids"].numpy()[hit].astype(np.int64)
-    second, third = found["primitive_uvs"].numpy()[hit].astype(float).T
-    shares = np.stack([1 - second - third, second, third], 1)
+    above = np.ones(len(grid_rows))
+    origins = np.stack([(grid_columns + 0.5) / size, 1 - (grid_rows + 0.5) / size, above], 1)
+    hit, face, shares = scene.first_hits(origins, np.array([0.0, 0.0, -1.0]))
     return Texels(
         rows=grid_rows[hit],
         columns=grid_columns[hit],
@@ -96,5 +87,7 @@ def paint_atlas(
     for name, where in texels.items():
         image[where.rows, where.columns] = painters[name](where)
         painted[where.rows, where.columns] = True
-    nearest = distance_transform_edt(~painted, return_distances=False, return_indices=True)
+    nearest = np.asarray(
+        distance_transform_edt(~painted, return_distances=False, return_indices=True)
+    )
     return np.clip(np.rint(image[tuple(nearest)]), 0, 255).astype(np.uint8)

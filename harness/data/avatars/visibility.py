@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from harness.data.avatars.rays import RayScene
 from harness.data.avatars.surface import Floats, Ints
 
 __all__ = ["outer_faces"]
@@ -18,16 +19,13 @@ def _directions(count: int) -> Floats:
     return np.stack([width * np.cos(turn), height, width * np.sin(turn)], axis=1)
 
 
-def outer_faces(vertices: Floats, faces: Ints, directions: int = 160) -> np.ndarray:
+def outer_faces(vertices: Floats, faces: Ints, directions: int = 64) -> np.ndarray:
     """Mask (F,) of faces from whose front some ray escapes, and of their neighbours.
 
     A ray starts 0.2 mm above the face's centre; the face counts as seen if any of ``directions``
     rays of its front half-space meets nothing.
     """
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    scene = RayScene(vertices, faces)
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
@@ -35,9 +33,8 @@ def outer_faces(vertices: Floats, faces: Ints, directions: int = 160) -> np.ndar
     seen = np.zeros(len(faces), bool)
     for direction in _directions(directions):
         ask = np.flatnonzero(~seen & (normal @ direction > 0.05))
-        rays = np.concatenate([start[ask], np.broadcast_to(direction, (len(ask), 3))], 1)
-        blocked = scene.test_occlusions(o3d.core.Tensor(rays.astype(np.float32))).numpy()
+        blocked = scene.blocked(start[ask], direction)
         seen[ask[~blocked]] = True
     touched = np.zeros(len(vertices), bool)
     touched[faces[seen].ravel()] = True
-    return touched[faces].any(1)
+    return np.asarray(touched[faces].any(1))
