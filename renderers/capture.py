@@ -8,7 +8,7 @@ from pathlib import Path
 from harness.core.artifacts import Capture, Scan, image_name
 from harness.core.files import atomic_directory, write_json
 from harness.core.frames import write_transforms_json
-from harness.core.hashing import content_hash
+from harness.core.hashing import content_hash, file_sha256
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from renderers.catalog import RENDERERS
@@ -56,6 +56,7 @@ def capture(
     key = capture_key(scan, recipe)
     renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
     cameras = recipe.cameras()
+    images = [image_name(view) for view in range(len(cameras))]
     with atomic_directory(directory) as folder:
         started = time.perf_counter()
         outcome = renderer.render(mesh, recipe, folder, progress)
@@ -71,9 +72,9 @@ def capture(
             directory=directory,
             cameras=cameras,
             warnings=(*scan.warnings, *cut_warnings(proofs), *outcome.warnings),
-            provenance=_provenance(scan, recipe, renderer, outcome, proofs) | {"timings": timings},
+            provenance=_provenance(scan, recipe, renderer, outcome, proofs)
+            | {"timings": timings, "images": {name: file_sha256(folder / name) for name in images}},
         )
-        images = [image_name(view) for view in range(len(cameras))]
         write_transforms_json(folder / "transforms.json", cameras, images)
         write_json(folder / "capture.json", result.to_dict())
     return result

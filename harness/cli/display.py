@@ -35,7 +35,6 @@ class Bars:
         self._tasks: dict[str, TaskID] = {}
 
     def __enter__(self) -> Bars:
-        self._bars.start()
         return self
 
     def __exit__(
@@ -44,11 +43,14 @@ class Bars:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._bars.stop()
+        if self._tasks:
+            self._bars.stop()
 
     def expect(self, task: str, total: int) -> None:
         """Show a bar, unless there is nothing to do."""
         if total:
+            # Not before there is something to draw: errors come first, on a clean line.
+            self._bars.start()
             self._tasks[task] = self._bars.add_task(task, total=total)
 
     def done(self, task: str, steps: int = 1) -> None:

@@ -57,7 +57,7 @@ def evaluate(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
         methods=split_names(method),
         protocol=checked.protocol(protocol),
-        store=RunStore(place.run(run)) if dry_run else RunStore.open(place, run),
+        store=RunStore(place.run(run)),
         seed=seed,
         jobs=jobs,
         settings=_settings(settings or []),

@@ -140,7 +140,7 @@ def _folder(
         title=title,
         dataset=dataset_target(manifest, dataset, split_names(subjects), place.root),
         protocol=rule,
-        store=RunStore.open(place, run),
+        store=RunStore(place.run(run)),
     )
     with Bars(quiet=as_json) as bars:
         records = score_folder(request, bars)

@@ -55,6 +55,7 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     for method in request.methods:
         resolve_method(method, request.settings)
     request.source.root()
+    request.store.begin()
     cells = plan(request)
     waiting = {cell.subject for cell in cells if not cell.key}
     progress.expect(PHOTOS, len(waiting) * request.source.recipe.rig.views)

@@ -41,7 +41,7 @@ class QuickstartResult:
 def quickstart(manifest: Manifest, workspace: Workspace, progress: Progress) -> QuickstartResult:
     """Make two avatars, photograph them, run every available method, score, and write tables."""
     available, unavailable = _methods()
-    store = RunStore.open(workspace, _RUN)
+    store = RunStore(workspace.run(_RUN))
     request = EvalRequest(
         source=Source.select(manifest, workspace, _SPLIT, (), _RECIPE),
         methods=available,

@@ -92,6 +92,7 @@ def score_folder(request: FolderRequest, progress: Progress) -> list[Record]:
             got=", ".join(present[:5]) or "an empty folder",
             hint=did_you_mean(present[0], subjects) if present else "",
         )
+    request.store.begin()
     progress.expect("meshes", len(subjects))
     records = []
     for subject, path in meshes.items():

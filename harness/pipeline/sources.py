@@ -10,6 +10,7 @@ from pathlib import Path
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
 from harness.core.files import exclusive_lock, read_json, remove_leftovers
+from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.core.workers import Progress as Steps
@@ -124,6 +125,9 @@ class Source:
             return "stale", str(error)
         if found.key != self.capture_key(subject):
             return "stale", "scan, recipe or renderer changed"
+        for name, sha256 in found.provenance["images"].items():  # type: ignore[attr-defined]
+            if file_sha256(directory / name) != sha256:
+                return "stale", f"{directory / name} is damaged"
         return "cached", ""
 
     def ensure_capture(self, subject: str, steps: Steps) -> Capture:

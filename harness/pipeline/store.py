@@ -28,12 +28,9 @@ class RunStore:
 
     directory: Path
 
-    @classmethod
-    def open(cls, workspace: Workspace, name: str) -> RunStore:
-        """A run by name, made if it is not there; it becomes the last one."""
-        store = cls(workspace.run(name))
-        write_json(store.directory / _RUN_FILE, {"schema": 1, "name": name})
-        return store
+    def begin(self) -> None:
+        """Make the run's folder if it is not there; the run becomes the last one."""
+        write_json(self.directory / _RUN_FILE, {"schema": 1, "name": self.directory.name})
 
     @classmethod
     def existing(cls, workspace: Workspace, name: str | None) -> RunStore:

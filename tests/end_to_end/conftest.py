@@ -56,7 +56,7 @@ def ellipsoid(centre: tuple[float, float, float], radii: tuple[float, float, flo
     )
 
 
-def figure(height: float) -> Mesh:
+def make_figure(height: float) -> Mesh:
     """A head, a trunk and four limbs, standing, ``height`` metres high."""
     parts = [
         ellipsoid((0, 0.92, 0), (0.07, 0.08, 0.08)),
@@ -73,7 +73,7 @@ def figure(height: float) -> Mesh:
     return Mesh(vertices=vertices, faces=faces, uv=uv, face_uv=faces)
 
 
-def write_subject(folder: Path, mesh: Mesh) -> None:
+def put_subject(folder: Path, mesh: Mesh) -> None:
     """One subject in THuman's layout."""
     folder.mkdir(parents=True)
     write_obj(folder / f"{folder.name}.obj", mesh)
@@ -88,8 +88,20 @@ def world(tmp_path: Path) -> Path:
     """A workspace with the toy dataset and its manifest."""
     (tmp_path / "data_manifest.yaml").write_text(MANIFEST)
     for subject, height in (("t1", 1.6), ("t2", 1.7), ("t3", 1.8)):
-        write_subject(tmp_path / "scans" / "model" / subject, figure(height))
+        put_subject(tmp_path / "scans" / "model" / subject, make_figure(height))
     return tmp_path
+
+
+@pytest.fixture
+def figure() -> Callable[[float], Mesh]:
+    """``figure(1.7)``: a person of that height."""
+    return make_figure
+
+
+@pytest.fixture
+def write_subject() -> Callable[[Path, Mesh], None]:
+    """``write_subject(folder, mesh)``: a scan in THuman's layout."""
+    return put_subject
 
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -39,7 +39,7 @@ request = EvalRequest(
     source=Source.select(manifest, workspace, "toy-one", (), "tiny"),
     methods=("hull8",),
     protocol=manifest.protocol("mexecon"),
-    store=RunStore.open(workspace, "main"),
+    store=RunStore(workspace.run("main")),
 )
 summary = evaluate(request, Silent())
 cell = build_table(list(summary.records), ReportRequest(format="latex"))

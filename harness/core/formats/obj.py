@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,8 +40,9 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
     vertices = _numbers(records.lines(b"v"), path, "v")
     corners = _Corners(records, path)
     faces = corners.triangles(0, b"v")
+    geometry = Mesh(vertices=vertices[:, :3], faces=faces, source=str(path))
     if not texture:
-        return Mesh(vertices=vertices[:, :3], faces=faces, source=str(path))
+        return geometry
     uv = _numbers(records.lines(b"vt"), path, "vt")
     if len(uv) == 0 or corners.layout not in ("v/vt", "v/vt/vn"):
         raise DataError(
@@ -48,13 +50,11 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
             expected="vt records and faces of the form v/vt",
             got=f"{len(uv)} vt records, faces of the form {corners.layout}",
         )
-    return Mesh(
-        vertices=vertices[:, :3],
-        faces=faces,
+    return replace(
+        geometry,
         uv=uv[:, :2],
         face_uv=corners.triangles(1, b"vt"),
         texture=texture_image(path, records.texts(b"mtllib")),
-        source=str(path),
     )
 
 
