@@ -29,7 +29,7 @@ def quickstart(
         for table in result.tables:
             print(f"\n{table}")
         for reason in result.unavailable:
-            print(f"not run: {reason}")
+            print(f"not available: {reason}")
         print("Written:")
         for path in result.files:
             print(f"  {path}")

@@ -29,7 +29,7 @@ class QuickstartResult:
         summary: All records.
         tables: The geometry and the cost table as Markdown.
         files: Tables in every format and the figures, as written.
-        unavailable: Methods that could not be run, with the reason.
+        unavailable: Methods that could not be run and figures not drawn, with the reason.
     """
 
     summary: EvalSummary
@@ -53,14 +53,16 @@ def quickstart(manifest: Manifest, workspace: Workspace, progress: Progress) -> 
     records = list(summary.records)
     folder = store.directory / "tables"
     files = write_tables(records, folder)
-    figures = [
-        draw(store, request.source, records, folder / f"{name}.png")
-        for name, draw in FIGURES.items()
-    ]
+    figures, undrawn = [], []
+    for name, draw in FIGURES.items():
+        try:
+            figures.append(draw(store, request.source, records, folder / f"{name}.png"))
+        except HarnessError as error:
+            undrawn.append(f"figure {name}: {error}")
     tables = tuple(
         build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
     )
-    return QuickstartResult(summary, tables, (*files, *figures), unavailable)
+    return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn))
 
 
 def _methods() -> tuple[tuple[str, ...], tuple[str, ...]]:
