@@ -22,7 +22,9 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 Number = TypeVar("Number", np.float64, np.int64)
 
-_NEWLINE, _SPACE, _TAB, _SLASH = b"\n \t/"
+_NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"
+#: Whole numbers of so many digits, and 10 to that power, are exact in float64.
+_EXACT_DIGITS = 15
 
 
 def read_obj(path: Path, *, texture: bool) -> Mesh:
@@ -75,7 +77,12 @@ class _Records:
         """The bytes of all lines of a keyword, which is blanked; each ends with a newline."""
         chosen = self._are(keyword)
         lengths = self._lengths[chosen]
-        found = self._text[np.repeat(chosen, self._lengths)]
+        if len(lengths) and chosen[(first := int(np.argmax(chosen))) :][: len(lengths)].all():
+            # Usually one block, which is copied faster in one piece.
+            start = self._starts[first]
+            found = self._text[start : start + lengths.sum()].copy()
+        else:
+            found = self._text[np.repeat(chosen, self._lengths)]
         heads = np.cumsum(lengths) - lengths
         for offset in range(len(keyword)):
             found[heads + offset] = _SPACE
@@ -99,20 +106,20 @@ class _Records:
         return chosen
 
 
-def _word_starts(lines: Bytes) -> Integers:
-    """Where words begin; a line starts with the blank that was its keyword."""
-    is_word = lines > _SPACE
-    return np.flatnonzero(is_word[1:] & ~is_word[:-1]) + 1
+class _Words:
+    """Where the words of lines start and end; a line starts with the blank that was its keyword."""
+
+    def __init__(self, lines: Bytes) -> None:
+        is_word = lines > _SPACE
+        borders = np.flatnonzero(is_word[1:] != is_word[:-1]) + 1
+        self.starts, self.ends = borders[0::2], borders[1::2]
+        newlines = np.flatnonzero(lines == _NEWLINE)
+        self.per_line: Integers = np.diff(np.searchsorted(self.starts, newlines), prepend=0)
 
 
-def _words_per_line(lines: Bytes, word_starts: Integers) -> Integers:
-    ends = np.flatnonzero(lines == _NEWLINE)
-    return np.diff(np.searchsorted(word_starts, ends), prepend=0)
-
-
-def _slashes_per_word(lines: Bytes, word_starts: Integers) -> Integers:
+def _slashes_per_word(lines: Bytes, words: _Words) -> Integers:
     slashes = np.flatnonzero(lines == _SLASH)
-    return np.diff(np.searchsorted(slashes, np.append(word_starts, len(lines))))
+    return np.diff(np.searchsorted(slashes, np.append(words.starts, len(lines))))
 
 
 def _parsed(text: bytes, kind: type[Number]) -> NDArray[Number]:
@@ -125,12 +132,36 @@ def _parsed(text: bytes, kind: type[Number]) -> NDArray[Number]:
             return np.zeros(0, dtype=kind)
 
 
+def _parsed_decimals(lines: Bytes, words: _Words) -> NDArray[np.float64] | None:
+    """The numbers if all are plain decimals such as -0.125, else None; three times as fast.
+
+    A quotient of two whole numbers that float64 holds exactly is rounded as the decimal would be.
+    """
+    text = lines.tobytes()
+    points = np.flatnonzero(lines == _POINT)
+    if len(points) != len(words.starts) or text.translate(None, b"0123456789.- \t\n"):
+        return None
+    has_sign = lines[words.starts] == _MINUS
+    digits = words.ends - words.starts - has_sign - 1
+    if (
+        (points < words.starts).any()
+        or (points >= words.ends).any()
+        or np.count_nonzero(has_sign) != text.count(b"-")
+        or not 1 <= digits.min() <= digits.max() <= _EXACT_DIGITS
+    ):
+        return None
+    return _parsed(text.replace(b".", b""), np.int64) / 10.0 ** (words.ends - points - 1)
+
+
 def _numbers(lines: Bytes, path: Path, keyword: str) -> NDArray[np.float64]:
     """(lines, columns) of the numbers in lines of equal length."""
     if len(lines) == 0:
         return np.zeros((0, 3))
-    counts = _words_per_line(lines, _word_starts(lines))
-    values = _parsed(lines.tobytes(), np.float64)
+    words = _Words(lines)
+    counts = words.per_line
+    values = _parsed_decimals(lines, words)
+    if values is None:
+        values = _parsed(lines.tobytes(), np.float64)
     columns = int(counts[0])
     if (
         (counts != columns).any()
@@ -167,9 +198,9 @@ class _Corners:
         self.path = path
         self._records = records
         lines = records.lines(b"f")
-        words = _word_starts(lines)
-        self.counts = _words_per_line(lines, words)
-        first = (lines[words[0] :][:64].tobytes().split() if len(words) else [b""])[0]
+        words = _Words(lines)
+        self.counts = words.per_line
+        first = lines[words.starts[0] : words.ends[0]].tobytes() if len(words.starts) else b""
         slashes = first.count(b"/")
         self.layout = {0: "v", 1: "v/vt", 2: "v//vn" if b"//" in first else "v/vt/vn"}.get(
             slashes, "unknown"
@@ -178,7 +209,7 @@ class _Corners:
         table = _parsed(lines.tobytes().replace(b"/", b" "), np.int64)
         if len(lines) and (
             self.counts.min() < 3
-            or table.size != len(words) * per_corner
+            or table.size != len(words.starts) * per_corner
             or (_slashes_per_word(lines, words) != slashes).any()
         ):
             raise DataError(

@@ -80,9 +80,42 @@ def test_texture_indices_stay_apart_from_vertex_indices(corner, tmp_path):
     assert mesh.texture == tmp_path / "skin.png"
 
 
+DECIMALS = [
+    *(
+        "0.1",
+        "-0.000001",
+        "123456789.987654",
+        "-.5",
+        "5.",
+        "0.30000000000000004",
+        "1.7976931348623",
+    ),
+    *("99999999999999.9", "9007199254740993.0", "123456789012345678901234567890.5", "00012.50"),
+]
+
+
+@pytest.mark.parametrize("decimal", DECIMALS)
+def test_decimals_are_rounded_as_python_rounds_them(decimal, tmp_path):
+    path = tmp_path / "mesh.obj"
+    path.write_text(f"v {decimal} 0.0 0.0\nv 0.0 1.0 0.0\nv 0.0 0.0 1.0\nf 1 2 3\n")
+    assert read_obj(path, texture=False).vertices[0, 0] == float(decimal)
+
+
+@pytest.mark.parametrize("digits", [3, 6, 9, 17])
+def test_random_decimals_are_read_to_the_last_bit(digits, tmp_path):
+    vertices = np.random.default_rng(digits).normal(size=(300, 3)) * [[1e-3, 1, 1e3]]
+    lines = [" ".join(["v", *(f"{x:.{digits}f}" for x in vertex)]) for vertex in vertices]
+    path = tmp_path / "mesh.obj"
+    path.write_text("\n".join([*lines, "f 1 2 3"]))
+    expected = [[float(word) for word in line.split()[1:]] for line in lines]
+    np.testing.assert_array_equal(read_obj(path, texture=False).vertices, expected)
+
+
 BAD = {
     "v 0 0 0\nv 1 x 0\nv 1 1 0\nf 1 2 3\n": r"'v' line that is not numbers .* got '1 x 0'",
     "v 0 0\nv 1 0 0 0\nv 1 1 0\nf 1 2 3\n": "'v' line that is not numbers",
+    "v 1.5-2 . 0.1\nv 1.0 0.0 0.0\nv 1.0 1.0 0.0\nf 1 2 3\n": "got '1.5-2 . 0.1'",
+    "v 1.5.2 0 0.1\nv 1.0 0.0 0.0\nv 1.0 1.0 0.0\nf 1 2 3\n": "got '1.5.2 0 0.1'",
     "v 0 0 0\nv 1 0\nv 1 1 0\nf 1 2 3\n": r"'v' line that is not numbers .* got '1 0'",
     "v 0 0 0\nv 1 nan 0\nv 1 1 0\nf 1 2 3\n": "1 non-finite vertices",
     CORNERS + "f 1 2\n": r"face that cannot be read .* got '1 2'",
