@@ -21,7 +21,7 @@ from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "build_mesh", "make_avatar"]
 
-AVATARS_VERSION = 2
+AVATARS_VERSION = 3
 """Changes whenever any output does."""
 
 TEXTURE_SIZE = 2048
