@@ -64,7 +64,7 @@ def describe_mesh(surface: SurfaceIndex) -> dict[str, object]:
     """
     mesh = surface.mesh
     open_part = np.linalg.norm(surface.face_vectors.sum(axis=0)) / 2
-    volume = mesh.signed_volume if open_part < _NEARLY_CLOSED * surface.area else None
+    volume = surface.signed_volume if open_part < _NEARLY_CLOSED * surface.area else None
     return {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),

@@ -25,7 +25,7 @@ _FARTHEST_CENTRES = 0.4
 _NOTABLE_MISFIT = 0.005
 #: How many times smaller some turn must make it. Another person in another pose gains 1.4 at most.
 _TURN_IS_SUSPECT, _TURN_IS_CERTAIN = 1.5, 2.0
-_TURN_POINTS = 200
+_TURN_POINTS = 100
 #: The longest side of anything that may be a person, in metres.
 _PERSON_M = (0.5, 3.0)
 _KNOWN_FACTORS = {
@@ -88,14 +88,17 @@ def check_turn(points: Floats, centre: Floats, truth: SurfaceIndex) -> list[str]
     Raises:
         DataError: another reading at least halves the misfit; the message names it.
     """
-    readings = _axis_readings()
     chosen = points[:: max(1, len(points) // _TURN_POINTS)]
+    _, in_place = truth.closest(chosen)
+    notable = _NOTABLE_MISFIT * float(np.linalg.norm(truth.extent))
+    if in_place.mean() < notable:
+        return []
+    readings = _axis_readings()
     turned = [(chosen - centre) @ reading.T + truth.centre for reading in readings]
-    _, distances = truth.closest(np.concatenate([chosen, *turned]))
-    in_place, *misfits = distances.reshape(1 + len(readings), -1).mean(axis=1).tolist()
-    as_given, best = min(in_place, misfits[0]), int(np.argmin(misfits))
-    diagonal = float(np.linalg.norm(truth.extent))
-    if as_given < max(_NOTABLE_MISFIT * diagonal, _TURN_IS_SUSPECT * misfits[best]):
+    _, distances = truth.closest(np.concatenate(turned))
+    misfits = distances.reshape(len(readings), -1).mean(axis=1).tolist()
+    as_given, best = min(float(in_place.mean()), misfits[0]), int(np.argmin(misfits))
+    if as_given < max(notable, _TURN_IS_SUSPECT * misfits[best]):
         return []
     what = f"frame? the prediction fits {truth.mesh.source} better with other axes"
     got = (

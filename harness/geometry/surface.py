@@ -69,13 +69,13 @@ def _vertex_normals(mesh: Mesh, face_vectors: Floats) -> Floats:
     group = merged_positions(mesh.vertices)
     corners = group[mesh.faces].T
     count = int(group.max()) + 1
-    lengths = np.linalg.norm(face_vectors, axis=1)
+    lengths = _lengths(face_vectors)
     total = sum(np.bincount(corner, lengths, count) for corner in corners)
     sums = np.stack(
         [sum(np.bincount(corner, axis, count) for corner in corners) for axis in face_vectors.T],
         axis=1,
     )
-    norms = np.linalg.norm(sums, axis=1)
+    norms = _lengths(sums)
     sums /= np.where(norms > _CANCELLED * total, norms, np.inf)[:, None]
     return sums[group]
 
@@ -97,7 +97,7 @@ class SurfaceIndex:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.face_vectors = mesh.face_normals()
-        self.face_areas = np.linalg.norm(self.face_vectors, axis=1) / 2
+        self.face_areas = _lengths(self.face_vectors) / 2
         self._searchable = np.flatnonzero(self.face_areas > 0)
         used = np.zeros(len(mesh.vertices), dtype=bool)
         used[mesh.faces[self._searchable]] = True
@@ -121,6 +121,12 @@ class SurfaceIndex:
         return float(self.face_areas.sum())
 
     @cached_property
+    def signed_volume(self) -> float:
+        """Enclosed volume if the surface is closed; negative when it is wound inside out."""
+        arms = self.mesh.vertices[self.mesh.faces[:, 0]] - self.centre
+        return float(np.einsum("ij,ij->", arms, self.face_vectors)) / 6
+
+    @cached_property
     def vertex_normals(self) -> Floats:
         """(V, 3) see ``vertex_normals``."""
         return _vertex_normals(self.mesh, self.face_vectors)
@@ -140,7 +146,7 @@ class SurfaceIndex:
         second, third = answer["primitive_uvs"].numpy().astype(np.float64).T
         barycentric = np.stack([1.0 - second - third, second, third], axis=1)
         found = self.at(faces, barycentric)
-        return found, np.linalg.norm(found.points - points, axis=1)
+        return found, _lengths(found.points - points)
 
     def at(self, faces: Indices, barycentric: Floats) -> SurfacePoints:
         """The points with the given (N,) faces and (N, 3) barycentric weights."""
@@ -150,12 +156,17 @@ class SurfaceIndex:
     def normals(self, where: SurfacePoints) -> Floats:
         """(N, 3) unit normals: vertex normals interpolated, face normals where these cancel."""
         blended = _blend(self.vertex_normals, self.mesh.faces[where.faces], where.barycentric)
-        lengths = np.linalg.norm(blended, axis=1)
+        lengths = _lengths(blended)
         cancelled = lengths < _CANCELLED
         if cancelled.any():
             blended[cancelled] = self.face_vectors[where.faces[cancelled]]
-            lengths[cancelled] = np.linalg.norm(blended[cancelled], axis=1)
+            lengths[cancelled] = _lengths(blended[cancelled])
         return blended / lengths[:, None]
+
+
+def _lengths(vectors: Floats) -> Floats:
+    """(N,) lengths; several times as fast as ``np.linalg.norm`` along short rows."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def _blend(values: Floats, corners: NDArray[np.integer[Any]], weights: Floats) -> Floats:

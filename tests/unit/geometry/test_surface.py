@@ -184,4 +184,4 @@ def test_an_unused_vertex_has_no_normal_and_does_no_harm():
     vertices = np.vstack([TETRAHEDRON.vertices, [[100.0, 100, 100]]])
     mesh = Mesh(vertices=vertices, faces=TETRAHEDRON.faces)
     np.testing.assert_array_equal(vertex_normals(mesh)[4], 0)
-    np.testing.assert_allclose(SurfaceIndex(mesh).origin, [0.5, 0.5, 0.5])
+    np.testing.assert_allclose(SurfaceIndex(mesh).centre, [0.5, 0.5, 0.5])

@@ -58,13 +58,17 @@ def test_other_axes_are_refused_and_the_way_back_is_named(shapes, mexecon, turn)
 
 
 def test_a_doubtful_turn_is_a_warning(shapes):
-    """Facing away is 51 mm off; so coarse a prediction leaves it open whether it does."""
-    truth = SurfaceIndex(shapes.figure())
-    samples = sample_surface(truth, 2000, "independent", 0)
-    facing_away = samples.points * [-1, 1, -1]
-    rough = facing_away + np.random.default_rng(0).normal(scale=0.035, size=(2000, 3))
-    (warning,) = check_turn(rough, np.zeros(3), truth)
-    assert "(-x, y, -z) for (x, y, z)" in warning
+    """A block with a long nose on the wrong side, the clearer the less noise there is."""
+    block, nose = ([-0.2, -0.8, -0.12], [0.2, 0.8, 0.12]), ([-0.05, 0.2, 0.12], [0.05, 0.4, 0.6])
+    truth = SurfaceIndex(shapes.joined(shapes.box(*block), shapes.box(*nose), source="nosy"))
+    away = sample_surface(truth, 2000, "independent", 0).points * [1, 1, -1]
+    noise = np.random.default_rng(0).normal(size=away.shape)
+    centre = truth.centre * [1, 1, -1]
+    with pytest.raises(DataError, match="nosy better with other axes"):
+        check_turn(away + 0.01 * noise, centre, truth)
+    (warning,) = check_turn(away + 0.05 * noise, centre, truth)
+    assert "nosy better with other axes: a misfit of 0.0641 m as given, 0.036 m" in warning
+    assert check_turn(away + 0.1 * noise, centre, truth) == []
 
 
 def bad_reconstructions(shapes):

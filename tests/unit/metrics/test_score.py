@@ -1,0 +1,132 @@
+"""What a score holds, and what it refuses."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from harness.core.errors import DataError, HarnessError
+from harness.core.metric_catalog import METRICS
+from metrics.score import score
+
+
+@pytest.fixture(scope="module")
+def pair(shapes):
+    return shapes.moved(shapes.figure("mine"), (0.02, 0.01, -0.03)), shapes.figure("truth")
+
+
+def test_a_score_holds_every_metric_of_the_catalogue_in_its_unit(pair, mexecon, exact):
+    for protocol in (mexecon, exact):
+        result = score(*pair, protocol)
+        assert list(result.metrics) == list(METRICS)
+        for name, metric in result.metrics.items():
+            assert metric.unit == METRICS[name].unit
+            assert metric.n == protocol.samples * (2 if name == "chamfer" else 1)
+            assert 0 < metric.standard_error < 0.05 * metric.value
+    assert result.warnings == ()
+
+
+def test_the_two_protocols_differ_in_chamfer_alone(pair, mexecon, exact):
+    published, ours = score(*pair, mexecon), score(*pair, exact)
+    mean = (
+        published.metrics["p2s_accuracy"].value + published.metrics["p2s_completeness"].value
+    ) / 2
+    assert published.metrics["chamfer"].value > mean + 1
+    assert published.metrics["chamfer"].floor > 3
+    assert ours.metrics["chamfer"].floor == 0
+    for name in ("p2s_accuracy", "p2s_completeness", "normal_error"):
+        first, second = published.metrics[name], ours.metrics[name]
+        error = np.hypot(first.standard_error, second.standard_error)
+        assert abs(first.value - second.value) < 4 * error
+
+
+def test_a_score_is_plain_json(pair, mexecon):
+    result = score(*pair, mexecon)
+    document = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert document["protocol"]["name"] == "mexecon"
+    assert document["protocol"]["sha"] == mexecon.sha
+    assert document["metrics"]["chamfer"] == result.metrics["chamfer"].to_dict()
+    assert document["diagnostics"]["alignment"] == "none"
+    assert set(document["diagnostics"]["f_score"]) == {"5_mm", "10_mm", "20_mm", "50_mm"}
+
+
+def test_errors_are_kept_point_by_point_on_request_only(pair, exact):
+    assert score(*pair, exact).predicted_points is None
+    result = score(*pair, exact, keep_points=True)
+    there, back = result.predicted_points, result.truth_points
+    metrics, normals = result.metrics, result.diagnostics["normals"]
+    assert there.points.shape == back.points.shape == (exact.samples, 3)
+    assert there.distances_mm.mean() == pytest.approx(metrics["p2s_accuracy"].value)
+    assert back.distances_mm.mean() == pytest.approx(metrics["p2s_completeness"].value)
+    assert there.normal_errors_deg.mean() == pytest.approx(metrics["normal_error"].value)
+    assert back.normal_errors_deg.mean() == pytest.approx(normals["truth_to_predicted_mean_deg"])
+
+
+def test_all_methods_are_measured_at_the_same_true_points(pair, shapes, exact):
+    truth = pair[1]
+    first = score(pair[0], truth, exact, keep_points=True).truth_points
+    second = score(shapes.box([-0.3, -0.9, -0.2], [0.3, 0.9, 0.2]), truth, exact, keep_points=True)
+    np.testing.assert_array_equal(first.points, second.truth_points.points)
+
+
+def test_equal_inputs_give_equal_scores_and_another_seed_does_not(pair, mexecon):
+    first, again = score(*pair, mexecon), score(*pair, mexecon)
+    other = score(*pair, dataclasses.replace(mexecon, seed=1))
+    assert first.to_dict() == again.to_dict()
+    assert first.metrics["chamfer"].value != other.metrics["chamfer"].value
+
+
+def test_the_prediction_does_not_share_the_random_stream_of_the_truth(pair, mexecon):
+    """Else a perfect copy would be sampled at the same points and score a Chamfer of 0."""
+    truth = pair[1]
+    result = score(truth, truth, mexecon, keep_points=True)
+    assert not np.array_equal(result.predicted_points.points, result.truth_points.points)
+    assert result.metrics["chamfer"].value > 3
+
+
+def test_seams_split_no_normals(shapes, exact):
+    """A file whose faces share no vertices describes the same smooth surface."""
+    truth = shapes.sphere(level=2)
+    split = dataclasses.replace(
+        truth,
+        vertices=truth.vertices[truth.faces.ravel()],
+        faces=np.arange(truth.faces.size).reshape(-1, 3),
+    )
+    assert score(split, truth, exact).metrics["normal_error"].value < 1e-3
+
+
+def test_faces_without_area_are_counted_and_change_nothing(pair, exact):
+    predicted, truth = pair
+    extra = np.repeat(predicted.faces[:5, :1], 3, axis=1)
+    padded = dataclasses.replace(predicted, faces=np.vstack([predicted.faces, extra]))
+    first, second = score(predicted, truth, exact), score(padded, truth, exact)
+    assert second.diagnostics["meshes"]["predicted"]["faces_without_area"] == 5
+    for name, metric in first.metrics.items():
+        error = 4 * metric.standard_error
+        assert second.metrics[name].value == pytest.approx(metric.value, abs=error)
+
+
+def test_a_protocol_that_contradicts_itself_is_refused(pair, mexecon):
+    wrong = dataclasses.replace(mexecon, sampling="stratified")
+    with pytest.raises(HarnessError, match="protocol mexecon contradicts itself"):
+        score(*pair, wrong)
+    with pytest.raises(HarnessError, match="draws no points"):
+        score(*pair, dataclasses.replace(mexecon, samples=0))
+
+
+@pytest.mark.parametrize("defect", ["NaN", "no faces", "no area", "index"])
+def test_defective_meshes_never_become_numbers(pair, defect):
+    """They cannot even be made, so that no native code ever meets them."""
+    truth = pair[1]
+    vertices, faces = truth.vertices.copy(), truth.faces.copy()
+    if defect == "NaN":
+        vertices[3, 1] = np.nan
+    elif defect == "no faces":
+        faces = faces[:0]
+    elif defect == "no area":
+        faces = faces[:, [0, 0, 1]]
+    else:
+        faces[7, 2] = len(vertices)
+    with pytest.raises(DataError):
+        dataclasses.replace(truth, vertices=vertices, faces=faces)
