@@ -1,11 +1,21 @@
 """Generated clothed avatars: free to use, with the true body underneath.
 
-Read ``recipe`` (who and what), ``body`` (Anny), ``garments`` and ``hair`` (surfaces in the rest
-pose), ``visibility`` (the outer surface), ``texture`` and ``paint``, ``writer``; ``build`` joins
-them.
+Read ``recipe`` (who and what: ``subjects``, ``training``, ``wardrobe``, ``poses``), ``body``
+(Anny), ``patterns`` and ``panels`` (clothes cut on ``quads``), ``drape`` (Blender's cloth solver,
+in ``drape_worker``; ``stored`` keeps its results), ``hair`` and ``extras``, ``shell`` (one outer
+surface), ``atlas``, ``fabric`` and ``paint`` (its texture), ``checks``, ``writer``; ``build``
+joins them, ``sheet`` shows the result.
 """
 
 from harness.data.avatars.build import AVATARS_VERSION, make_avatar
 from harness.data.avatars.recipe import AvatarRecipe, recipe_for, subject_ids
+from harness.data.avatars.sheet import avatar_sheet
 
-__all__ = ["AVATARS_VERSION", "AvatarRecipe", "make_avatar", "recipe_for", "subject_ids"]
+__all__ = [
+    "AVATARS_VERSION",
+    "AvatarRecipe",
+    "avatar_sheet",
+    "make_avatar",
+    "recipe_for",
+    "subject_ids",
+]

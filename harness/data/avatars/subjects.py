@@ -6,7 +6,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from harness.data.avatars.wardrobe import Bottom, Colour, Fabric, Hair, Shoes, Top
+from harness.data.avatars.wardrobe import (
+    Bottom,
+    Colour,
+    Fabric,
+    Hair,
+    Shoes,
+    Top,
+    coat,
+    dress,
+    hooded_sweater,
+    jacket,
+    long_sleeved,
+    loose_shirt,
+    shorts,
+    skirt,
+    straight_trousers,
+    t_shirt,
+    wide_trousers,
+)
 
 __all__ = ["SUBJECTS", "Person", "Subject"]
 
@@ -25,16 +43,17 @@ class Person:
     skin: Colour
     hair: Hair
     eyes: Colour = (92, 62, 40)
+    proportions: float = 0.6
 
 
 @dataclass(frozen=True)
 class Subject:
-    """One line of the list."""
+    """One line of the list; ``bottom`` is None under a dress."""
 
     person: Person
     pose: str
     top: Top
-    bottom: Bottom
+    bottom: Bottom | None
     shoes: Shoes
 
 
@@ -59,188 +78,148 @@ _WHITE_SHOES = Shoes((236, 236, 232))
 _BLACK_SHOES = Shoes((48, 46, 46), (30, 30, 30))
 _BROWN_SHOES = Shoes((104, 66, 44), (52, 38, 30))
 _BLUE_SHOES = Shoes((52, 82, 140))
-_BOOTS = Shoes((84, 60, 44), (40, 32, 28), height=0.09)
-
-
-def _t_shirt(fabric: Fabric, hem: float = 0.035) -> Top:
-    return Top("t-shirt", fabric, sleeve=0.62, hem=hem, ease=0.014)
-
-
-def _long(fabric: Fabric, hem: float = 0.03) -> Top:
-    return Top("long-sleeved shirt", fabric, sleeve=1.92, hem=hem, ease=0.013)
-
-
-def _loose(fabric: Fabric, sleeve: float = 1.94) -> Top:
-    return Top("loose shirt", fabric, sleeve=sleeve, hem=0.045, ease=0.026, sleeve_radius=0.062)
-
-
-def _sweater(fabric: Fabric) -> Top:
-    return Top("sweater", fabric, sleeve=1.96, hem=0.035, ease=0.022, sleeve_radius=0.056)
-
-
-def _dress(fabric: Fabric, length: float, sleeve: float = 0.5) -> tuple[Top, Bottom]:
-    top = Top("dress", fabric, sleeve=sleeve, hem=-0.085, ease=0.012)
-    return top, Bottom("skirt", fabric, length=length, flare=0.07)
-
-
-def _straight(fabric: Fabric) -> Bottom:
-    return Bottom("straight trousers", fabric, length=2.02, width=0.076)
-
-
-def _slim(fabric: Fabric) -> Bottom:
-    return Bottom("slim trousers", fabric, length=1.98, width=0.0, ease=0.007)
-
-
-def _wide(fabric: Fabric) -> Bottom:
-    return Bottom("wide trousers", fabric, length=2.04, width=0.096, ease=0.014)
-
-
-def _shorts(fabric: Fabric) -> Bottom:
-    return Bottom("shorts", fabric, length=0.86, width=0.094, ease=0.014)
-
-
-def _skirt(fabric: Fabric, length: float, flare: float = 0.05) -> Bottom:
-    return Bottom("skirt", fabric, length=length, flare=flare)
-
+_BOOTS = Shoes((84, 60, 44), (40, 32, 28))
 
 SUBJECTS: Mapping[str, Subject] = MappingProxyType(
     {
         "a01": Subject(
             Person(0.05, 0.66, 0.34, 0.50, 0.60, _LIGHT, Hair("short", _DARK_HAIR)),
-            "a-pose",
-            _t_shirt(Fabric((176, 52, 48), "print", _CREAM)),
-            _straight(_JEANS),
+            "relaxed",
+            t_shirt(Fabric((176, 52, 48), "print", _CREAM)),
+            straight_trousers(_JEANS),
             _SNEAKERS,
         ),
         "a02": Subject(
             Person(0.95, 0.64, 0.42, 0.45, 0.45, _PALE, Hair("long", _BLOND), _BLUE_EYES),
-            "hand-on-hip",
-            _long(Fabric(_WHITE, "stripes", _NAVY), hem=-0.02),
-            _skirt(Fabric(_TEAL), 0.95),
+            "turning",
+            long_sleeved(Fabric(_WHITE, "stripes", _NAVY), hem=-0.02),
+            skirt(Fabric(_TEAL)),
             _BROWN_SHOES,
         ),
         "a03": Subject(
-            Person(0.10, 0.72, 0.40, 0.62, 0.55, _DARK, Hair("short", _BLACK_HAIR)),
+            Person(0.10, 0.72, 0.40, 0.62, 0.55, _DARK, Hair("curly", _BLACK_HAIR)),
             "walking",
-            _loose(Fabric(_SKY, "checks", _WHITE)),
-            _straight(_CHINO),
+            loose_shirt(Fabric(_SKY, "checks", _WHITE)),
+            straight_trousers(_CHINO),
             _BLACK_SHOES,
         ),
         "a04": Subject(
             Person(0.90, 0.67, 0.34, 0.55, 0.50, _BROWN, Hair("bun", _BLACK_HAIR)),
-            "arms-bent",
-            _t_shirt(Fabric(_MUSTARD), hem=0.02),
-            _shorts(_LIGHT_JEANS),
+            "hands-on-hips",
+            t_shirt(Fabric(_MUSTARD)),
+            shorts(_LIGHT_JEANS),
             _WHITE_SHOES,
         ),
         "a05": Subject(
             Person(0.15, 0.70, 0.30, 0.40, 0.45, _TAN, Hair("short", _BLACK_HAIR)),
-            "standing",
-            _sweater(Fabric(_FOREST)),
-            _slim(_BLACK_JEANS),
+            "arms-close",
+            hooded_sweater(Fabric(_FOREST, "knit")),
+            straight_trousers(_BLACK_JEANS),
             _WHITE_SHOES,
         ),
         "a06": Subject(
-            Person(0.98, 0.66, 0.48, 0.42, 0.45, _LIGHT, Hair("bob", _RED), _GREEN_EYES),
-            "one-knee-bent",
-            *_dress(Fabric(_NAVY, "dots", _WHITE), 1.0),
+            Person(0.98, 0.66, 0.48, 0.42, 0.45, _LIGHT, Hair("ponytail", _RED), _GREEN_EYES),
+            "knee-bent",
+            dress(Fabric(_NAVY, "dots", _WHITE)),
+            None,
             _SNEAKERS,
         ),
         "a07": Subject(
             Person(0.08, 0.82, 0.36, 0.68, 0.50, _PALE, Hair("short", _GREY), _BLUE_EYES),
-            "turning",
-            _long(Fabric(_BURGUNDY)),
-            _straight(Fabric((84, 86, 92))),
+            "standing",
+            coat(Fabric((84, 74, 66)), Fabric(_BURGUNDY)),
+            straight_trousers(Fabric((84, 86, 92))),
             _BROWN_SHOES,
         ),
         "a08": Subject(
             Person(0.92, 0.68, 0.38, 0.60, 0.45, _TAN, Hair("long", _DARK_HAIR)),
-            "hands-on-hips",
-            _sweater(Fabric(_CREAM, "stripes", _CORAL)),
-            _wide(_JEANS),
+            "wide-stance",
+            loose_shirt(Fabric(_CREAM, "stripes", _CORAL, scale=0.7)),
+            wide_trousers(_JEANS),
             _WHITE_SHOES,
         ),
         "a09": Subject(
-            Person(0.02, 0.64, 0.43, 0.45, 0.75, _BROWN, Hair("short", _BLACK_HAIR)),
-            "greeting",
-            _t_shirt(Fabric(_WHITE, "print", _NAVY)),
-            _shorts(_OLIVE),
+            Person(0.02, 0.64, 0.43, 0.45, 0.75, _BROWN, Hair("curly", _BLACK_HAIR)),
+            "reaching",
+            t_shirt(Fabric(_WHITE, "print", _NAVY), chest=1.2, hem=0.11),
+            shorts(_OLIVE),
             _BLUE_SHOES,
         ),
         "a10": Subject(
-            Person(0.96, 0.75, 0.30, 0.66, 0.40, _LIGHT, Hair("bob", _GREY)),
-            "hand-to-chest",
-            _loose(Fabric(_LILAC), sleeve=1.5),
-            _slim(Fabric(_INK)),
+            Person(0.96, 0.75, 0.30, 0.66, 0.40, _LIGHT, Hair("short", _GREY)),
+            "arms-crossed",
+            long_sleeved(Fabric(_LILAC, "knit")),
+            wide_trousers(Fabric(_INK)),
             _BLACK_SHOES,
         ),
         "a11": Subject(
             Person(0.12, 0.66, 0.38, 0.52, 0.65, _LIGHT, Hair("short", _BLOND), _GREEN_EYES),
-            "reaching",
-            _long(Fabric(_INK, "stripes", _STONE)),
-            _wide(Fabric(_STONE)),
+            "turning",
+            jacket(_JEANS, Fabric(_WHITE)),
+            straight_trousers(Fabric(_STONE)),
             _WHITE_SHOES,
         ),
         "a12": Subject(
             Person(0.94, 0.65, 0.36, 0.48, 0.50, _DARK, Hair("bun", _BLACK_HAIR)),
-            "hands-at-pockets",
-            *_dress(Fabric(_CORAL), 1.45, sleeve=0.75),
+            "relaxed",
+            dress(Fabric(_CORAL, "leaves", (250, 214, 160)), sleeve=0.5, hem=0.62, flare=0.55),
+            None,
             _WHITE_SHOES,
         ),
         "a13": Subject(
             Person(0.06, 0.74, 0.33, 0.72, 0.45, _TAN, Hair("short", _DARK_HAIR)),
-            "hands-at-pockets",
-            _loose(Fabric((196, 70, 60), "checks", _INK)),
-            _straight(_JEANS),
+            "wide-stance",
+            loose_shirt(Fabric((196, 70, 60), "checks", _INK)),
+            straight_trousers(_JEANS),
             _BOOTS,
         ),
         "a14": Subject(
-            Person(0.97, 0.63, 0.44, 0.38, 0.50, _TAN, Hair("long", _BLACK_HAIR)),
+            Person(0.97, 0.63, 0.44, 0.38, 0.50, _TAN, Hair("ponytail", _BLACK_HAIR)),
             "walking",
-            _t_shirt(Fabric(_LILAC, "dots", _WHITE), hem=0.0),
-            _slim(_LIGHT_JEANS),
+            t_shirt(Fabric(_LILAC, "dots", _WHITE, scale=0.7), hem=0.02),
+            wide_trousers(_LIGHT_JEANS),
             _SNEAKERS,
         ),
         "a15": Subject(
-            Person(0.20, 0.68, 0.35, 0.46, 0.50, _PALE, Hair("bob", _CHESTNUT)),
-            "arms-bent",
-            _sweater(Fabric(_MUSTARD, "stripes", (150, 92, 40))),
-            _slim(_BLACK_JEANS),
+            Person(0.20, 0.68, 0.35, 0.46, 0.50, _PALE, Hair("curly", _CHESTNUT)),
+            "hands-on-hips",
+            hooded_sweater(Fabric(_MUSTARD, "stripes", (150, 92, 40))),
+            straight_trousers(_BLACK_JEANS, knee=1.1, cuff=1.12),
             _BOOTS,
         ),
         "a16": Subject(
             Person(0.90, 0.80, 0.33, 0.58, 0.40, _PALE, Hair("bun", _GREY), _BLUE_EYES),
             "standing",
-            _long(Fabric(_TEAL, "dots", _CREAM)),
-            _skirt(Fabric(_INK), 1.4, flare=0.035),
+            coat(Fabric(_FOREST)),
+            skirt(Fabric(_INK), length=0.62, flare=0.25),
             _BLACK_SHOES,
         ),
         "a17": Subject(
             Person(0.04, 0.67, 0.46, 0.42, 0.55, _DARK, Hair("short", _BLACK_HAIR)),
-            "hands-on-hips",
-            _t_shirt(Fabric(_FOREST, "stripes", _CREAM)),
-            _straight(_BLACK_JEANS),
+            "knee-bent",
+            long_sleeved(Fabric(_FOREST, "stripes", _CREAM)),
+            shorts(_CHINO),
             _WHITE_SHOES,
         ),
         "a18": Subject(
             Person(0.93, 0.66, 0.40, 0.52, 0.60, _BROWN, Hair("long", _CHESTNUT)),
-            "greeting",
-            _loose(Fabric(_WHITE), sleeve=1.2),
-            _shorts(Fabric(_NAVY)),
+            "arms-close",
+            jacket(Fabric(_BURGUNDY), Fabric(_WHITE, "stripes", _NAVY, scale=0.5)),
+            skirt(Fabric(_NAVY, "checks", _STONE)),
             _BLUE_SHOES,
         ),
         "a19": Subject(
             Person(0.10, 0.78, 0.31, 0.55, 0.50, _LIGHT, Hair("short", _CHESTNUT)),
-            "hand-on-hip",
-            _t_shirt(Fabric(_INK, "print", _MUSTARD), hem=0.045),
-            _wide(_OLIVE),
+            "reaching",
+            hooded_sweater(Fabric(_INK, "print", _MUSTARD)),
+            wide_trousers(_OLIVE),
             _BROWN_SHOES,
         ),
         "a20": Subject(
-            Person(0.95, 0.70, 0.37, 0.70, 0.45, _LIGHT, Hair("bob", _BLACK_HAIR), _GREEN_EYES),
-            "turning",
-            _sweater(Fabric(_SKY)),
-            _skirt(Fabric(_BURGUNDY, "checks", _INK), 0.8, flare=0.06),
+            Person(0.95, 0.70, 0.37, 0.70, 0.45, _LIGHT, Hair("long", _BLACK_HAIR), _GREEN_EYES),
+            "arms-crossed",
+            t_shirt(Fabric(_SKY, "leaves", _WHITE), sleeve=0.45),
+            skirt(Fabric(_BURGUNDY, "checks", _INK)),
             _BOOTS,
         ),
     }

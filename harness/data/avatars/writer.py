@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.files import atomic_directory
-from harness.data.avatars.surface import Floats, Ints
+from harness.data.avatars.quads import Floats, Ints
 
 __all__ = ["TexturedMesh", "write_avatar"]
 

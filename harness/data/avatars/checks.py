@@ -1,0 +1,86 @@
+"""The numbers an avatar must have before it is written."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.core.errors import DataError
+from harness.core.rigs import RingRig
+from harness.data.avatars.nearness import Nearness
+from harness.data.avatars.quads import Floats, Ints
+
+__all__ = ["check_avatar"]
+
+_FRAME_PX = (1080, 1920)
+_HEIGHT_M = (1.45, 2.0)
+
+
+def _euler_number(faces: Ints) -> int:
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, count = np.unique(sides, axis=0, return_counts=True)
+    if not (count == 2).all():
+        raise DataError(
+            "the avatar's surface is not watertight",
+            expected="two faces at every edge",
+            got=f"{int((count != 2).sum())} other edges",
+        )
+    return len(np.unique(faces)) - len(count) + len(faces)
+
+
+def _outside_frame(vertices: Floats) -> int:
+    """How many of the paper rig's eight views cut the subject."""
+    middle = 0.5 * (vertices.min(0) + vertices.max(0))
+    views = 0
+    for camera in RingRig().cameras(*_FRAME_PX):
+        at = camera.world_to_camera
+        local = (vertices - middle) @ at[:3, :3].T + at[:3, 3]
+        pixel = (local @ camera.K.T)[:, :2] / local[:, 2:]
+        views += bool(((pixel < 0) | (pixel > np.array(_FRAME_PX))).any())
+    return views
+
+
+def check_avatar(
+    name: str, vertices: Floats, faces: Ints, cloth: np.ndarray, skin: Nearness
+) -> dict[str, object]:
+    """What an avatar measures.
+
+    cloth (F,) marks garment faces. Distances from their centres to the true body, mm; angle between
+    their normals and the body's at the nearest point, degrees.
+
+    Raises:
+        DataError: not watertight, not 1.45 to 2.0 m high, or cut by a view of the paper's rig.
+    """
+    euler = _euler_number(faces)
+    height = float(np.ptp(vertices[:, 1]))
+    cut = _outside_frame(vertices)
+    if not _HEIGHT_M[0] <= height <= _HEIGHT_M[1]:
+        raise DataError(
+            f"avatar {name} has a wrong height", expected="1.45 to 2.0 m", got=f"{height:.2f} m"
+        )
+    if cut:
+        raise DataError(
+            f"avatar {name} leaves the frame in {cut} of 8 views",
+            expected="all of it within 1.2 m x 2.16 m at the subject",
+            got=f"{np.ptp(vertices[:, 0]):.2f} m wide, {np.ptp(vertices[:, 2]):.2f} m deep",
+            hint="Give it a narrower pose or a smaller height",
+        )
+    corners = vertices[faces[cloth]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(areas, 1e-15)[:, None]
+    points, _, _, body_normals = skin.closest(corners.mean(1))
+    distance = np.linalg.norm(corners.mean(1) - points, axis=1) * 1000
+    cosine = np.clip(np.einsum("fd,fd->f", normals, body_normals), -1, 1)
+    return {
+        "vertices": len(vertices),
+        "faces": len(faces),
+        "height_m": round(height, 4),
+        "width_m": round(float(np.ptp(vertices[:, 0])), 4),
+        "watertight": True,
+        "euler_number": euler,
+        "cloth_to_body_mm": round(float(np.average(distance, weights=areas)), 2),
+        "cloth_to_body_95_mm": round(float(np.percentile(distance, 95)), 2),
+        "cloth_to_body_normals_deg": round(
+            float(np.average(np.degrees(np.arccos(cosine)), weights=areas)), 2
+        ),
+    }

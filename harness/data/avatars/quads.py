@@ -1,0 +1,185 @@
+"""Quad surfaces that carry values along: subdivision, relaxation, borders, normals.
+
+Cloth is cut and draped on quads, whose rows and columns play the part of warp and weft.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+__all__ = [
+    "Floats",
+    "Ints",
+    "border_loops",
+    "compact",
+    "components",
+    "grid",
+    "refine",
+    "relax",
+    "relax_border",
+    "subdivision",
+    "triangles",
+    "vertex_normals",
+]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def triangles(faces: Ints) -> Ints:
+    """Triangles (T,3) of quads (Q,4), or the triangles given; collapsed corners are left out."""
+    if faces.shape[1] == 3:
+        return faces
+    split = faces[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    distinct = (
+        (split[:, 0] != split[:, 1]) & (split[:, 1] != split[:, 2]) & (split[:, 2] != split[:, 0])
+    )
+    return split[distinct]
+
+
+def compact(faces: Ints) -> tuple[Ints, Ints]:
+    """The vertices (N,) that faces use, and the faces renumbered to them."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return used, renumbered.reshape(faces.shape)
+
+
+def _sides(faces: Ints) -> Ints:
+    """Directed edges (F*K,2), face after face."""
+    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+
+
+def subdivision(size: int, quads: Ints) -> tuple[csr_matrix, Ints]:
+    """The matrix from values of ``size`` vertices to a surface twice as fine, and its quads.
+
+    New values are plain means: old vertices, then edges, then faces.
+    """
+    from scipy.sparse import coo_matrix, identity, vstack
+
+    edges, edge_of = np.unique(np.sort(_sides(quads), axis=1), axis=0, return_inverse=True)
+    edge_of = edge_of.reshape(-1, 4) + size
+    centre = size + len(edges) + np.arange(len(quads))
+
+    def mean(members: Ints) -> csr_matrix:
+        count, per = members.shape
+        rows = np.repeat(np.arange(count), per)
+        values = np.full(count * per, 1 / per)
+        return coo_matrix((values, (rows, members.ravel())), shape=(count, size)).tocsr()
+
+    matrix = vstack([identity(size), mean(edges), mean(quads)]).tocsr()
+    parts = [
+        np.stack([quads[:, k], edge_of[:, k], centre, edge_of[:, k - 1]], axis=1) for k in range(4)
+    ]
+    return matrix, np.concatenate(parts)
+
+
+def _ring(size: int, faces: Ints) -> csr_matrix:
+    """The matrix that takes the mean of each vertex's neighbours."""
+    from scipy.sparse import coo_matrix, diags
+
+    sides = _sides(faces)
+    rows, columns = np.concatenate([sides, sides[:, ::-1]]).T
+    ring = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(size, size)).tocsr()
+    ring.data[:] = 1.0
+    return diags(1 / np.maximum(np.asarray(ring.sum(1)).ravel(), 1)) @ ring
+
+
+def border_loops(faces: Ints) -> list[Ints]:
+    """Each closed border as the vertices along it, in the direction of its faces; longest first."""
+    sides = _sides(faces)
+    known = set(map(tuple, sides.tolist()))
+    following = {a: b for a, b in map(tuple, sides.tolist()) if a != b and (b, a) not in known}
+    loops: list[list[int]] = []
+    while following:
+        start, vertex = following.popitem()
+        loop = [start]
+        while vertex != start and vertex in following:
+            loop.append(vertex)
+            vertex = following.pop(vertex)
+        loops.append(loop)
+    # Start each loop at its lowest vertex, so that the order does not hang on the dictionary's.
+    rolled = [np.roll(loop, -int(np.argmin(loop))) for loop in loops]
+    return sorted(rolled, key=lambda loop: (-len(loop), int(loop[0])))
+
+
+def relax(vertices: Floats, faces: Ints, times: int, share: float = 0.5) -> Floats:
+    """Vertices (V,3) moved ``times`` towards the mean of their neighbours; borders are held."""
+    ring = _ring(len(vertices), faces)
+    free = np.full((len(vertices), 1), share)
+    for loop in border_loops(faces):
+        free[loop] = 0.0
+    for _ in range(times):
+        vertices = vertices + free * (ring @ vertices - vertices)
+    return vertices
+
+
+def relax_border(vertices: Floats, faces: Ints, times: int = 1) -> Floats:
+    """Vertices with each border made smoother along itself."""
+    vertices = vertices.copy()
+    for loop in border_loops(faces):
+        for _ in range(times):
+            around = vertices[np.roll(loop, 1)] + vertices[np.roll(loop, -1)]
+            vertices[loop] = 0.5 * vertices[loop] + 0.25 * around
+    return vertices
+
+
+def refine(
+    vertices: Floats, quads: Ints, levels: int, attributes: Floats | None = None
+) -> tuple[Floats, Ints, Floats]:
+    """A smooth, finer surface (V',3), its quads, and per-vertex attributes (V,K) carried along."""
+    values = np.zeros((len(vertices), 0)) if attributes is None else attributes
+    for _ in range(levels):
+        matrix, quads = subdivision(len(vertices), quads)
+        vertices, values = matrix @ vertices, matrix @ values
+        vertices = relax_border(relax(vertices, quads, 1), quads)
+    return vertices, quads, values
+
+
+def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
+    """Area-weighted unit normals (V,3) of the vertices of quads or triangles."""
+    last = faces[:, -1]
+    if faces.shape[1] == 4:
+        first, second = (
+            vertices[faces[:, 2]] - vertices[faces[:, 0]],
+            vertices[last] - vertices[faces[:, 1]],
+        )
+    else:
+        first, second = (
+            vertices[faces[:, 1]] - vertices[faces[:, 0]],
+            vertices[last] - vertices[faces[:, 0]],
+        )
+    area = np.cross(first, second)
+    corners = faces.shape[1]
+    normals = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(area[:, k], corners), minlength=len(vertices))
+            for k in range(3)
+        ],
+        axis=1,
+    )
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def components(size: int, faces: Ints) -> Ints:
+    """The connected piece (V,) each vertex belongs to."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    sides = _sides(faces)
+    graph = coo_matrix((np.ones(len(sides)), tuple(sides.T)), shape=(size, size))
+    return connected_components(graph, directed=False)[1]
+
+
+def grid(points: Floats, closed: bool) -> tuple[Floats, Ints]:
+    """Vertices and quads of a grid (R,C,3); ``closed`` joins the last column to the first."""
+    rows, columns = points.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    if closed:
+        index = np.concatenate([index, index[:, :1]], axis=1)
+    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1)
+    return points.reshape(-1, 3), quads.reshape(-1, 4)
