@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 from harness.core.errors import HarnessError, MissingPart
@@ -14,7 +15,7 @@ from harness.data.manifest import Manifest
 from harness.pipeline.inventory import check_tree
 from harness.pipeline.workspace import Workspace
 
-__all__ = ["SYSTEM_PACKAGES", "Finding", "examine", "system_packages_of"]
+__all__ = ["Finding", "examine"]
 
 #: Debian package of each shared library that a wheel expects the system to have.
 _DEBIAN_PACKAGES = {
@@ -30,9 +31,6 @@ _DEBIAN_PACKAGES = {
     "libSM.so.6": "libsm6",
     "libICE.so.6": "libice6",
 }
-#: What a bare Debian 12 lacks, as one argument list for apt-get.
-SYSTEM_PACKAGES = tuple(_DEBIAN_PACKAGES.values())
-
 #: Package to import in a child process, the distribution that installs it, what it is for.
 _MODULES = (
     ("numpy", "numpy", "arrays"),
@@ -78,6 +76,8 @@ class Finding:
 def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
     """Everything that matters, one finding at a time, cheapest first."""
     yield _python()
+    if sys.platform == "linux":
+        yield _system_libraries(tuple(_DEBIAN_PACKAGES))
     yield _disk(workspace)
     yield from (_module(*entry) for entry in _MODULES)
     yield from _devices()
@@ -91,6 +91,20 @@ def _python() -> Finding:
         "system", "python", sys.version_info[:2] == (3, 11), True, version,
         "Blender's bpy 4.5 exists for Python 3.11 alone: make the environment with python3.11",
     )  # fmt: skip
+
+
+def _system_libraries(libraries: Sequence[str]) -> Finding:
+    """All that are missing at once: an import error names one at a time."""
+    missing = []
+    for library in libraries:
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            missing.append(library)
+    note = f"missing: {', '.join(missing)}" if missing else f"all {len(libraries)} found"
+    packages = " ".join(_DEBIAN_PACKAGES.get(library, library) for library in missing)
+    step = f"sudo apt-get install -y {packages}"
+    return Finding("system", "libraries", not missing, True, note, step)
 
 
 def _disk(workspace: Workspace) -> Finding:
@@ -117,17 +131,10 @@ def _module(module: str, distribution: str, purpose: str) -> Finding:
         version = process.stdout.strip().splitlines()[-1]
         return Finding("package", module, True, True, f"{version}, {purpose}")
     reason = (process.stderr.strip().splitlines() or [f"exit status {process.returncode}"])[-1]
-    packages = system_packages_of(process.stderr)
-    if packages:
-        step = f"sudo apt-get install -y {' '.join(packages)}"
-    else:
-        step = f"pip install -c constraints.txt {distribution}"
+    step = f"pip install -c constraints.txt {distribution}"
+    if "cannot open shared object file" in reason:
+        step = "Install the system libraries named above"
     return Finding("package", module, False, True, f"{purpose}: {reason}", step)
-
-
-def system_packages_of(message: str) -> tuple[str, ...]:
-    """The Debian packages of the shared libraries that an import error names."""
-    return tuple(package for library, package in _DEBIAN_PACKAGES.items() if library in message)
 
 
 def _devices() -> Iterator[Finding]:
