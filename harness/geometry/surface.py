@@ -84,8 +84,9 @@ class SurfaceIndex:
     """A mesh prepared for exact closest-point queries; build it once and ask it often.
 
     The search runs in float32 (Open3D on Embree), on coordinates from which the centre of the mesh
-    was subtracted in float64, so that a far-away origin costs no precision: at the size of a person
-    distances are right to 0.3 micrometres. Faces without area are left out.
+    was subtracted in float64, so that a far-away origin costs no precision. On a scan of a person
+    distances are right to 0.3 micrometres; in slivers metres long they may be off by 0.1 mm. Faces
+    without area are left out.
 
     Attributes:
         mesh: What was indexed.

@@ -180,6 +180,15 @@ def test_positions_merge_exactly_and_nothing_else():
     assert len(set(group)) == 3
 
 
+def test_positions_merge_as_a_dictionary_would():
+    vertices = np.random.default_rng(0).integers(-3, 4, size=(500, 3)) / 8
+    group = merged_positions(vertices)
+    numbers = {}
+    for position, number in zip(map(tuple, vertices.tolist()), group.tolist(), strict=True):
+        assert numbers.setdefault(position, number) == number
+    assert sorted(numbers.values()) == list(range(len(numbers)))
+
+
 def test_an_unused_vertex_has_no_normal_and_does_no_harm():
     vertices = np.vstack([TETRAHEDRON.vertices, [[100.0, 100, 100]]])
     mesh = Mesh(vertices=vertices, faces=TETRAHEDRON.faces)
