@@ -51,7 +51,7 @@ class MethodMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SubjectPanels:
-    """One subject's rows of the grid: its photos, its scan and what the methods made of it."""
+    """One subject's row of the grid: its photos, its scan and what the methods made of it."""
 
     capture: Capture
     truth: Mesh
@@ -64,12 +64,13 @@ def qualitative_grid(
     scale: ErrorScale,
     views: tuple[int, int] = (0, 4),
 ) -> None:
-    """Write the figure: photo, each method, scan; from the front, from the back, and as errors.
+    """Write the figure: photo, each method with its errors, scan; one row per subject.
 
-    All panels have one scale and all panels of a row one camera and one crop.
+    Photo and scan have two panels, front and back; a method has a third for its errors. All panels
+    have one scale, and all panels of a subject and view one camera and one crop.
 
     Args:
-        subjects: Three rows each; all with the same methods in the same order.
+        subjects: One row each; all with the same methods in the same order.
         path: PNG, PDF or SVG, by its extension.
         scale: Colours of the errors, for the whole figure.
         views: Front and back view of the captures.
@@ -81,36 +82,39 @@ def qualitative_grid(
     titles = [[method.title for method in subject.methods] for subject in subjects]
     if not titles or any(row != titles[0] for row in titles):
         raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
-    columns = ["Photo", *titles[0], "Ground truth"]
     frames = windows([(s.truth, s.capture.cameras[view]) for s in subjects for view in views])
-    figure, axes = canvas((3 * len(subjects), len(columns)), frames[0], _PANEL_INCH)
-    for axis, title in zip(axes[0], columns, strict=True):
-        axis.set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9)
+    columns = 4 + 3 * len(titles[0])
+    figure, axes = canvas((len(subjects), columns), frames[0], _PANEL_INCH)
+    starts = [0, *range(2, columns - 2, 3), columns - 2]
+    for start, title in zip(starts, ["Photo", *titles[0], "Ground truth"], strict=True):
+        axes[0][start].set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9, loc="left")
     for index, subject in enumerate(subjects):
-        rows = axes[3 * index : 3 * index + 3]
-        _draw_subject(subject, rows, dict(zip(views, frames[2 * index :], strict=False)), scale)
+        pair = frames[2 * index : 2 * index + 2]
+        _draw_subject(subject, axes[index], dict(zip(views, pair, strict=True)), scale)
     _colour_bar(figure, axes, scale)
     save(figure, path)
 
 
 def _draw_subject(
-    subject: SubjectPanels, rows: Any, frames: dict[int, Window], scale: ErrorScale
+    subject: SubjectPanels, row: Any, frames: dict[int, Window], scale: ErrorScale
 ) -> None:
-    casters = [Raycaster(mesh) for mesh in (*(m.mesh for m in subject.methods), subject.truth)]
-    cameras = {
-        view: frame.of_camera(subject.capture.cameras[view], _LEAST_HEIGHT)
+    cameras = [
+        frame.of_camera(subject.capture.cameras[view], _LEAST_HEIGHT)
         for view, frame in frames.items()
-    }
-    for row, (view, frame) in zip(rows, frames.items(), strict=False):
-        row[0].set_ylabel(f"{subject.capture.subject}, view {view}", fontsize=9)
-        show(row[0], frame.of_image(photo(subject.capture, view)))
-        for axis, caster in zip(row[1:], casters, strict=True):
-            show(axis, on_white(shaded(caster, cameras[view])))
-    front = next(iter(frames))
-    rows[2][0].set_ylabel(f"{subject.capture.subject}, error, view {front}", fontsize=9)
-    for axis, caster, method in zip(rows[2][1:], casters, subject.methods, strict=False):
-        if method.errors_mm is not None:
-            show(axis, on_white(heat(caster, cameras[front], method.errors_mm, scale)))
+    ]
+    row[0].set_ylabel(subject.capture.subject, fontsize=9)
+    panels = [frame.of_image(photo(subject.capture, view)) for view, frame in frames.items()]
+    for method in subject.methods:
+        caster = Raycaster(method.mesh)
+        panels += [on_white(shaded(caster, camera)) for camera in cameras]
+        if method.errors_mm is None:
+            panels.append(np.ones_like(panels[-1]))
+        else:
+            panels.append(on_white(heat(caster, cameras[0], method.errors_mm, scale)))
+    caster = Raycaster(subject.truth)
+    panels += [on_white(shaded(caster, camera)) for camera in cameras]
+    for axis, panel in zip(row, panels, strict=True):
+        show(axis, panel)
 
 
 def _colour_bar(figure: Any, axes: Any, scale: ErrorScale) -> None:
