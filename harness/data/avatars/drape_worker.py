@@ -3,6 +3,9 @@
 Garments are draped one after the other, the inner first; each becomes an obstacle for the next.
 """
 
+# bpy is a compiled module without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from pathlib import Path

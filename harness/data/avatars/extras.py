@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harness.data.avatars.body import SKIN_VERTICES, Body, Posed, carry
 from harness.data.avatars.landmarks import heights
 from harness.data.avatars.layer import Layer
 from harness.data.avatars.noise import smooth_noise
-from harness.data.avatars.quads import Floats, Ints, grid
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+from harness.data.avatars.quads import Floats, Ints, SparseMatrix, grid
 
 __all__ = ["collar", "shoes"]
 
@@ -112,14 +107,14 @@ def collar(body: Body, posed: Posed, kind: str, seed: int) -> Layer:
     return Layer("top", vertices, faces, place)
 
 
-def _neck_weights(body: Body, points: Floats) -> csr_matrix:
+def _neck_weights(body: Body, points: Floats) -> SparseMatrix:
     """The weights of the nearest skin below the neck."""
     from scipy.sparse import coo_matrix
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     skin = body.vertices[:SKIN_VERTICES]
     below = np.flatnonzero(skin[:, 1] < heights(body).neck + 0.02)
-    _, nearest = cKDTree(skin[below]).query(points, k=24)
+    _, nearest = KDTree(skin[below]).query(points, k=24)
     weights = body.weights[below[nearest.ravel()]]
     rows = np.repeat(np.arange(len(points)), 24)
     mean = coo_matrix((np.full(len(rows), 1 / 24), (rows, np.arange(len(rows)))))

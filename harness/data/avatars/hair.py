@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +10,16 @@ from harness.data.avatars.body import SKIN_VERTICES, Body, Posed, carry
 from harness.data.avatars.layer import Layer
 from harness.data.avatars.nearness import Nearness
 from harness.data.avatars.noise import smooth_noise
-from harness.data.avatars.quads import Floats, Ints, compact, grid, refine, vertex_normals
+from harness.data.avatars.quads import (
+    Floats,
+    Ints,
+    SparseMatrix,
+    compact,
+    grid,
+    refine,
+    vertex_normals,
+)
 from harness.data.avatars.wardrobe import Hair
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 __all__ = ["grow_hair"]
 
@@ -127,12 +131,14 @@ def _fall(
     head: _Head, skin: Nearness, seed: int, inset: float, length: float = 0.30
 ) -> tuple[Floats, Ints]:
     """Hair that falls from the head over the back, ``inset`` under its outer surface."""
-    angle = np.radians(np.linspace(96, 264, 150))
+    angle = np.radians(np.linspace(96.0, 264.0, 150)).astype(float)
     out = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
     rows: list[Floats] = []
     for k in range(int(length / 0.005) + 30):
         share = k / (length / 0.005 + 30)
-        bend = smooth_noise(np.stack([3 * angle, 0 * angle + 4 * share, 0 * angle], 1), seed)
+        bend = smooth_noise(
+            np.stack([3 * angle, 0 * angle + 4 * share, 0 * angle], 1).astype(float), seed
+        )
         wave = 0.003 * np.sin(40 * angle + 4 * bend) + 0.006 * np.sin(13 * angle + 3 * share)
         base = np.array([0.082 + 0.012 * share, 0.0, 0.098 - 0.01 * share])
         row = head.centre + [0, 0.045 - 0.005 * k, -0.004] + out * base
@@ -168,7 +174,7 @@ def grow_hair(body: Body, posed: Posed, hair: Hair, seed: int) -> list[Layer]:
     return layers
 
 
-def _falling_weights(body: Body, points: Floats) -> csr_matrix:
+def _falling_weights(body: Body, points: Floats) -> SparseMatrix:
     """Hair follows the head above the neck and the chest below it."""
     from scipy.sparse import csr_matrix
 

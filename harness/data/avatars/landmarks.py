@@ -6,15 +6,11 @@ Clothes are cut in these coordinates, so one cut fits every body.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harness.data.avatars.body import SKIN_VERTICES, Body
-from harness.data.avatars.quads import Floats
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+from harness.data.avatars.quads import Floats, SparseMatrix
 
 __all__ = ["Heights", "Places", "heights", "places", "ramp", "trunk_axis"]
 
@@ -98,7 +94,7 @@ def _along(points: Floats, joints: Floats) -> tuple[Floats, Floats]:
     return share, place
 
 
-def places(body: Body, vertices: Floats, weights: csr_matrix) -> Places:
+def places(body: Body, vertices: Floats, weights: SparseMatrix) -> Places:
     """The places of vertices (V,3) with given skinning weights."""
     left = vertices[:, 0] > 0
 

@@ -35,14 +35,14 @@ class Layer:
 
 
 def cloth_layer(
-    name: str, vertices: Floats, quads: Ints, pattern: Floats, part: Floats, levels: int = 1
+    name: str, vertices: Floats, quads: Ints, pattern: Floats, part: Ints, levels: int = 1
 ) -> Layer:
     """A draped garment, refined; its place holds the limb and the distance to the nearest hem."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     border = np.concatenate(border_loops(quads))
-    hem, _ = cKDTree(pattern[border]).query(pattern)
-    values = np.concatenate([pattern, part[:, None], hem[:, None]], axis=1)
+    hem, _ = KDTree(pattern[border]).query(pattern)
+    values = np.concatenate([pattern, part[:, None].astype(float), hem[:, None]], axis=1)
     fine, faces, place = refine(vertices, quads, levels, values)
     return Layer(name, fine, faces, place)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from harness.data.avatars.quads import Floats, Ints, relax, triangles
@@ -17,19 +19,20 @@ class Nearness:
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         import open3d as o3d
 
+        self._tensor: Any = o3d.core.Tensor
         # One thread: the same points whatever else the machine does, and no fight over two cores.
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene: Any = o3d.t.geometry.RaycastingScene(nthreads=1)
         self.faces = triangles(faces)
-        self._scene.add_triangles(vertices.astype(np.float32), self.faces.astype(np.uint32))
+        self._scene.add_triangles(
+            self._tensor(vertices.astype(np.float32)), self._tensor(self.faces.astype(np.uint32))
+        )
 
     def closest(self, points: Floats) -> tuple[Floats, Ints, Floats, Floats]:
         """(N,3) closest points, (N,) their triangles, (N,3) corner weights there, (N,3) normals."""
-        import open3d as o3d
-
         parts = []
         for start in range(0, len(points), _CHUNK):
             chunk = np.ascontiguousarray(points[start : start + _CHUNK], np.float32)
-            found = self._scene.compute_closest_points(o3d.core.Tensor(chunk))
+            found = self._scene.compute_closest_points(self._tensor(chunk))
             second, third = found["primitive_uvs"].numpy().astype(float).T
             parts.append(
                 (
@@ -51,11 +54,9 @@ class Nearness:
 
     def distance(self, points: Floats) -> Floats:
         """(N,) unsigned distances in metres."""
-        import open3d as o3d
-
         parts = [
             self._scene.compute_distance(
-                o3d.core.Tensor(np.ascontiguousarray(points[i : i + _CHUNK], np.float32))
+                self._tensor(np.ascontiguousarray(points[i : i + _CHUNK], np.float32))
             ).numpy()
             for i in range(0, len(points), _CHUNK)
         ]

@@ -6,7 +6,6 @@ A cut piece hangs around the unposed body, nowhere inside it, as the cloth solve
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from harness.data.avatars.panels import hang
 from harness.data.avatars.quads import (
     Floats,
     Ints,
+    SparseMatrix,
     border_loops,
     compact,
     components,
@@ -27,9 +27,6 @@ from harness.data.avatars.quads import (
     vertex_normals,
 )
 from harness.data.avatars.wardrobe import Bottom, Fabric, Top
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 __all__ = ["Piece", "cut_bottom", "cut_top"]
 
@@ -50,7 +47,7 @@ class Piece:
     fabric: Fabric
     vertices: Floats
     quads: Ints
-    weights: csr_matrix
+    weights: SparseMatrix
     pin: Floats
     pattern: Floats
     part: Ints
@@ -60,7 +57,7 @@ class Piece:
 class _Sheet:
     vertices: Floats
     quads: Ints
-    weights: csr_matrix
+    weights: SparseMatrix
     pattern: Floats
     places: Places
     pin: Floats

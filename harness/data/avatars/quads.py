@@ -5,17 +5,15 @@ Cloth is cut and draped on quads, whose rows and columns play the part of warp a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
-
 __all__ = [
     "Floats",
     "Ints",
+    "SparseMatrix",
     "border_loops",
     "compact",
     "components",
@@ -30,6 +28,8 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+SparseMatrix: TypeAlias = Any
+"""A scipy.sparse matrix in CSR form; scipy does not type it."""
 
 
 def triangles(faces: Ints) -> Ints:
@@ -54,7 +54,7 @@ def _sides(faces: Ints) -> Ints:
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
-def subdivision(size: int, quads: Ints) -> tuple[csr_matrix, Ints]:
+def subdivision(size: int, quads: Ints) -> tuple[SparseMatrix, Ints]:
     """The matrix from values of ``size`` vertices to a surface twice as fine, and its quads.
 
     New values are plain means: old vertices, then edges, then faces.
@@ -65,7 +65,7 @@ def subdivision(size: int, quads: Ints) -> tuple[csr_matrix, Ints]:
     edge_of = edge_of.reshape(-1, 4) + size
     centre = size + len(edges) + np.arange(len(quads))
 
-    def mean(members: Ints) -> csr_matrix:
+    def mean(members: Ints) -> SparseMatrix:
         count, per = members.shape
         rows = np.repeat(np.arange(count), per)
         values = np.full(count * per, 1 / per)
@@ -78,7 +78,7 @@ def subdivision(size: int, quads: Ints) -> tuple[csr_matrix, Ints]:
     return matrix, np.concatenate(parts)
 
 
-def _ring(size: int, faces: Ints) -> csr_matrix:
+def _ring(size: int, faces: Ints) -> SparseMatrix:
     """The matrix that takes the mean of each vertex's neighbours."""
     from scipy.sparse import coo_matrix, diags
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,13 +83,21 @@ def _marked(points: Floats, origin: Floats, spacing: float, shape: Ints) -> np.n
     return out
 
 
+def _pieces(mask: np.ndarray) -> tuple[Ints, int]:
+    """Connected pieces of a mask, numbered from 1, and how many there are."""
+    from scipy import ndimage
+
+    found: Any = ndimage.label(mask)
+    return found
+
+
 def _reachable(gate: np.ndarray, spacing: float, shell: Shell) -> Floats:
     """Signed distance (coarse grid) into the space that the ball sees from outside."""
     from scipy import ndimage
 
-    free = ndimage.distance_transform_edt(~gate, sampling=spacing) > shell.ball
-    pieces, _ = ndimage.label(free)
-    distance = ndimage.distance_transform_edt(pieces != pieces[0, 0, 0], sampling=spacing)
+    to_gate: Any = ndimage.distance_transform_edt(~gate, sampling=spacing)
+    pieces, _ = _pieces(to_gate > shell.ball)
+    distance: Any = ndimage.distance_transform_edt(pieces != pieces[0, 0, 0], sampling=spacing)
     return (shell.sight - distance).astype(np.float32)
 
 
@@ -100,7 +109,7 @@ def _distance_field(near: Nearness, sheets: np.ndarray, origin: Floats, shell: S
 
     spacing = shell.voxel * _COARSE
     band = ndimage.binary_dilation(sheets, np.ones((3, 3, 3)), iterations=2)
-    coarse = np.full(band.shape, _FAR_M, np.float32)
+    coarse: Any = np.full(band.shape, _FAR_M, np.float32)
     coarse[band] = near.distance(origin + np.argwhere(band) * spacing) - shell.half_thickness
     field = _doubled(coarse)
     # A distance changes by no more than the way between two nodes, so beyond that no sign can turn.
@@ -133,12 +142,10 @@ def _emptiness(
 
 def _one_piece(field: Floats) -> Floats:
     """The field with enclosed cavities filled and loose crumbs removed."""
-    from scipy import ndimage
-
-    empty, _ = ndimage.label(field > 0)
+    empty, _ = _pieces(field > 0)
     outside = empty == empty[0, 0, 0]
     field = np.where(outside | (field <= 0), field, -1e-4)
-    solid, _ = ndimage.label(~outside)
+    solid, _ = _pieces(~outside)
     largest = np.bincount(solid.ravel())[1:].argmax() + 1
     field = np.where(~outside & (solid != largest), 1e-3, field)
     return np.where(np.abs(field) < _TINY, -_TINY, field)

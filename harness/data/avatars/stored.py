@@ -6,7 +6,7 @@ when it was solved; its key says so. Anything else is draped anew.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -29,7 +29,7 @@ _FOLDER = Path(__file__).parent / "drapes"
 _CHECKS = tuple(field.name for field in fields(DrapeCheck))
 
 
-def _cut(garment: Top | Bottom | None) -> dict[str, object] | None:
+def _cut(garment: Top | Bottom | None) -> Mapping[str, object] | None:
     """A garment without its looks."""
     if garment is None:
         return None
