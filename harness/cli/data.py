@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from harness.cli.options import Jobs, Json, ManifestPath, Subjects, WorkspacePath, split_names
+from harness.cli.options import (
+    Dataset,
+    Jobs,
+    Json,
+    ManifestPath,
+    Subjects,
+    WorkspacePath,
+    split_names,
+)  # fmt: skip
 
 __all__ = ["app"]
 
@@ -62,6 +72,28 @@ def check_dataset(
         print(tree.summary)
     if not tree.complete:
         raise typer.Exit(1)
+
+
+@app.command("show")
+def show(
+    subject: str,
+    dataset: Dataset = "avatars",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The PNG. Default: SUBJECT.png.")
+    ] = None,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+) -> None:
+    """A contact sheet of a generated subject: eight views, bare geometry, the body underneath."""
+    from harness.data.manifest import load_manifest
+    from harness.pipeline.captures import show_avatar
+    from harness.pipeline.sources import Source
+    from harness.pipeline.workspace import Workspace
+
+    checked = load_manifest(manifest)
+    recipe = next(iter(checked.recipes))
+    source = Source.select(checked, Workspace.default(workspace), dataset, (subject,), recipe)
+    print(show_avatar(source, output or Path(f"{subject}.png")))
 
 
 @app.command("make")

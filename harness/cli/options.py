@@ -31,7 +31,7 @@ ManifestPath = Annotated[
 ]
 Dataset = Annotated[str, typer.Option("--dataset", help="Dataset or split of the manifest.")]
 Subjects = Annotated[
-    str, typer.Option("--subjects", help="Only these, comma-separated. Default: all.")
+    str, typer.Option("--subjects", help="Only these: a01,a04 or t00001..t00020. Default: all.")
 ]
 Recipe = Annotated[str, typer.Option("--recipe", help="Render recipe of the manifest.")]
 Protocol = Annotated[str, typer.Option("--protocol", help="Metric protocol of the manifest.")]
@@ -41,5 +41,8 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """The names in a comma-separated option."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """The names in a comma-separated option; ``t00001..t00020`` stands for twenty of them."""
+    from harness.data.manifest import subject_range
+
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    return tuple(found for name in names for found in subject_range(name) or (name,))

@@ -18,9 +18,18 @@ from harness.core.errors import DataError, HarnessError, MissingPart, did_you_me
 from harness.core.rigs import RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe
 
-__all__ = ["Dataset", "Manifest", "Split", "default_manifest_path", "load_manifest"]
+__all__ = [
+    "Dataset",
+    "Manifest",
+    "Split",
+    "SubjectClass",
+    "default_manifest_path",
+    "load_manifest",
+    "subject_range",
+]
 
 _SCALE_RULE = re.compile(r"fit|metres|height=\d+(\.\d+)?")
+_RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d+)\.\.(?P<prefix2>\D*)(?P<high>\d+)")
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -35,6 +44,22 @@ def _scale_rule(value: object) -> object:
     return value
 
 
+def subject_range(text: str) -> tuple[str, ...]:
+    """The ids of a range such as ``t00001..t00020``, or none if the text is not one."""
+    match = _RANGE.fullmatch(text)
+    if not match or match["prefix"] != match["prefix2"] or len(match["low"]) != len(match["high"]):
+        return ()
+    numbers = range(int(match["low"]), int(match["high"]) + 1)
+    return tuple(f"{match['prefix']}{number:0{len(match['low'])}d}" for number in numbers)
+
+
+class SubjectClass(_Strict):
+    """What kind of subject it is."""
+
+    clothing: str
+    pose: str
+
+
 class Dataset(_Strict):
     """Subjects in THuman's layout, with the explicit rule that turns their units into metres.
 
@@ -46,7 +71,9 @@ class Dataset(_Strict):
             workspace.
         scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale) or ``height=1.75``.
         facing: ``+z``, ``fit`` (the fit's global orientation) or the yaw in degrees by subject.
-        subjects: Ids, in the order of tables.
+        subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
+            a range such as ``t00001..t01000``.
+        classes: What kind of subject each is, where the file says so.
         source: Where the user gets the data.
         sha256: Expected checksums by path below the root.
     """
@@ -58,8 +85,19 @@ class Dataset(_Strict):
     scale: Annotated[str, BeforeValidator(_scale_rule)]
     facing: Literal["+z", "fit"] | dict[str, float]
     subjects: tuple[str, ...]
+    classes: dict[str, SubjectClass] = Field(default_factory=dict)
     source: str = ""
     sha256: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _listed(cls, raw: Any) -> Any:
+        subjects = raw.get("subjects") if isinstance(raw, dict) else None
+        if isinstance(subjects, dict):
+            return {**raw, "subjects": tuple(subjects), "classes": subjects}
+        if isinstance(subjects, str):
+            return {**raw, "subjects": subject_range(subjects) or (subjects,)}
+        return raw
 
     @model_validator(mode="after")
     def _subjects_are_distinct(self) -> Dataset:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.workers import run_worker
-from harness.pipeline.progress import Progress
+from harness.pipeline.progress import Progress, Silent
 from harness.pipeline.sources import Source
 
-__all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all"]
+__all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all", "show_avatar"]
 
 #: Name of the progress bar that counts views.
 PHOTOS = "photos"
@@ -85,6 +86,22 @@ def render_all(source: Source, jobs: int, progress: Progress) -> list[CaptureOut
 
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         return list(pool.map(one, source.subjects))
+
+
+def show_avatar(source: Source, path: Path) -> Path:
+    """Write the contact sheet of a source's first subject, which is made if it is not there.
+
+    Raises:
+        HarnessError: the dataset is not one that is generated.
+    """
+    from harness.data.avatars import avatar_sheet
+    from harness.geometry.images import save_png
+
+    outcome = make_avatars(source, 1, Silent())[0]
+    if outcome.failure:
+        raise HarnessError(outcome.failure)
+    save_png(path, avatar_sheet(source.avatar_directory(outcome.subject), outcome.subject))
+    return path
 
 
 def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureOutcome]:

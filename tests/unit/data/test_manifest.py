@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError, HarnessError, MissingPart
-from harness.data.manifest import load_manifest
+from harness.data.manifest import load_manifest, subject_range
 
 SHIPPED = Path(__file__).resolve().parents[3] / "data_manifest.yaml"
 PAPER_IDS = (
@@ -95,3 +95,26 @@ def test_the_users_folder_comes_from_the_environment(monkeypatch, tmp_path):
     monkeypatch.setenv("THUMAN21_ROOT", str(tmp_path / "scans"))
     assert manifest.root("thuman21", Path("workspace")) == tmp_path / "scans"
     assert manifest.root("avatars", tmp_path) == tmp_path / "data/avatars"
+
+
+def test_the_listed_classes_are_those_of_the_generator():
+    from harness.data.avatars import recipe_for, subject_ids
+
+    avatars = load_manifest(SHIPPED).datasets["avatars"]
+    assert avatars.subjects == subject_ids()
+    for subject, listed in avatars.classes.items():
+        recipe = recipe_for(subject)
+        assert (listed.clothing, listed.pose) == (recipe.clothing, recipe.pose), subject
+
+
+def test_training_subjects_are_a_range_apart_from_the_test_subjects():
+    manifest = load_manifest(SHIPPED)
+    training = manifest.datasets["avatars-train"].subjects
+    assert training[:2] == ("t00001", "t00002")
+    assert len(training) == 2000
+    assert not set(training) & set(manifest.datasets["avatars"].subjects)
+
+
+@pytest.mark.parametrize("text", ["a01", "a1..b2", "a01..a2", "..", "a03..a01"])
+def test_what_is_no_range_gives_no_subjects(text):
+    assert subject_range(text) == ()
