@@ -25,7 +25,7 @@ _FARTHEST_CENTRES = 0.4
 _NOTABLE_MISFIT = 0.005
 #: How many times smaller some turn must make it. Another person in another pose gains 1.4 at most.
 _TURN_IS_SUSPECT, _TURN_IS_CERTAIN = 1.5, 2.0
-_TURN_POINTS = 100
+_TURN_POINTS, _TURN_TARGETS = 200, 10_000
 #: The longest side of anything that may be a person, in metres.
 _PERSON_M = (0.5, 3.0)
 _KNOWN_FACTORS = {
@@ -70,16 +70,20 @@ def check_scale_and_place(
         )
 
 
-def check_turn(points: Floats, centre: Floats, truth: SurfaceIndex) -> list[str]:
+def check_turn(
+    points: Floats, targets: Floats, predicted: SurfaceIndex, truth: SurfaceIndex
+) -> list[str]:
     """Refuse a prediction that fits far better when its axes are read differently.
 
     All 48 ways to read the axes (24 turns, and their mirror images) are tried on some of the
     points, about the box centres, and compared with the prediction both as it lies and moved to the
-    truth's centre, so that neither a displacement nor a wrong shape counts as a turn.
+    truth's centre, so that neither a displacement nor a wrong shape counts as a turn. Distances are
+    to some of the samples of the truth, which is quick and near enough.
 
     Args:
         points: (N, 3) points sampled on the prediction.
-        centre: (3,) the centre of its box.
+        targets: (M, 3) points sampled on the truth.
+        predicted: The predicted surface.
         truth: The true surface.
 
     Returns:
@@ -88,16 +92,19 @@ def check_turn(points: Floats, centre: Floats, truth: SurfaceIndex) -> list[str]
     Raises:
         DataError: another reading at least halves the misfit; the message names it.
     """
-    chosen = points[:: max(1, len(points) // _TURN_POINTS)]
-    _, in_place = truth.closest(chosen)
+    from scipy.spatial import KDTree
+
+    chosen = _some(points, _TURN_POINTS)
+    tree = KDTree(_some(targets, _TURN_TARGETS))
+    in_place = float(tree.query(chosen)[0].mean())
     notable = _NOTABLE_MISFIT * float(np.linalg.norm(truth.extent))
-    if in_place.mean() < notable:
+    if in_place < notable:
         return []
     readings = _axis_readings()
-    turned = [(chosen - centre) @ reading.T + truth.centre for reading in readings]
-    _, distances = truth.closest(np.concatenate(turned))
-    misfits = distances.reshape(len(readings), -1).mean(axis=1).tolist()
-    as_given, best = min(float(in_place.mean()), misfits[0]), int(np.argmin(misfits))
+    turned = [(chosen - predicted.centre) @ reading.T + truth.centre for reading in readings]
+    distances, _ = tree.query(np.stack(turned), workers=-1)
+    misfits = distances.mean(axis=1).tolist()
+    as_given, best = min(in_place, misfits[0]), int(np.argmin(misfits))
     if as_given < max(notable, _TURN_IS_SUSPECT * misfits[best]):
         return []
     what = f"frame? the prediction fits {truth.mesh.source} better with other axes"
@@ -126,6 +133,11 @@ def unit_warnings(truth: SurfaceIndex) -> list[str]:
         f"{truth.mesh.source} is {longest:.4g} long, unlike a person in metres: "
         "values in mm are right only if the files are in metres"
     ]
+
+
+def _some(points: Floats, count: int) -> Floats:
+    """About ``count`` of the points, evenly from the first to the last."""
+    return points[:: max(1, len(points) // count)]
 
 
 def _axis_readings() -> list[Floats]:

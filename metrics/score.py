@@ -94,17 +94,14 @@ def score(
         HarnessError: a protocol that contradicts itself.
     """
     _check_protocol(protocol)
-    sides = _Side.of(predicted, "predicted", protocol), _Side.of(truth, "truth", protocol)
-    check_scale_and_place(sides[0].surface, sides[1].surface, protocol.minimum_scale_ratio)
-    doubts = check_turn(sides[0].samples.points, sides[0].surface.centre, sides[1].surface)
-    there, back = _errors(sides[0], sides[1]), _errors(sides[1], sides[0])
-    meshes = {
-        "predicted": describe_mesh(sides[0].surface),
-        "truth": describe_mesh(sides[1].surface),
-    }
+    mine, true = _Side.of(predicted, "predicted", protocol), _Side.of(truth, "truth", protocol)
+    check_scale_and_place(mine.surface, true.surface, protocol.minimum_scale_ratio)
+    doubts = check_turn(mine.samples.points, true.samples.points, mine.surface, true.surface)
+    there, back = _errors(mine, true), _errors(true, mine)
+    meshes = {"predicted": describe_mesh(mine.surface), "truth": describe_mesh(true.surface)}
     return Score(
         protocol=protocol,
-        metrics=_metrics(sides, there, back, protocol),
+        metrics=_metrics((mine, true), there, back, protocol),
         diagnostics={
             "alignment": "none",
             "predicted_to_truth": describe_distances(there.distances_mm),
@@ -118,7 +115,7 @@ def score(
         },
         warnings=(
             *doubts,
-            *unit_warnings(sides[1].surface),
+            *unit_warnings(true.surface),
             *winding_warnings(meshes, there.normal_errors_deg),
         ),
         predicted_points=there if keep_points else None,

@@ -100,11 +100,12 @@ class SurfaceIndex:
         self.face_vectors = mesh.face_normals()
         self.face_areas = _lengths(self.face_vectors) / 2
         self._searchable = np.flatnonzero(self.face_areas > 0)
+        faces = mesh.faces[self._searchable]
         used = np.zeros(len(mesh.vertices), dtype=bool)
-        used[mesh.faces[self._searchable]] = True
+        used[faces.ravel()] = True
         positions = mesh.vertices[used]
         self.bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
-        self._scene = _raycasting_scene(mesh, self.centre, mesh.faces[self._searchable])
+        self._scene = _raycasting_scene(mesh, self.centre, faces)
 
     @property
     def centre(self) -> Floats:

@@ -35,7 +35,7 @@ def bumpy_body(phase: float, rings: int = 500) -> Mesh:
         np.linspace(0, 2 * np.pi, rings, endpoint=False),
         indexing="ij",
     )
-    radius = 0.3 + 0.02 * np.sin(6 * polar + phase) * np.cos(5 * around)
+    radius = 0.3 + 0.05 * np.sin(6 * polar + phase) * np.cos(5 * around)
     vertices = np.stack(
         [
             radius * np.sin(polar) * np.cos(around),

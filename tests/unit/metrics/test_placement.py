@@ -61,14 +61,15 @@ def test_a_doubtful_turn_is_a_warning(shapes):
     """A block with a long nose on the wrong side, the clearer the less noise there is."""
     block, nose = ([-0.2, -0.8, -0.12], [0.2, 0.8, 0.12]), ([-0.05, 0.2, 0.12], [0.05, 0.4, 0.6])
     truth = SurfaceIndex(shapes.joined(shapes.box(*block), shapes.box(*nose), source="nosy"))
-    away = sample_surface(truth, 2000, "independent", 0).points * [1, 1, -1]
-    noise = np.random.default_rng(0).normal(size=away.shape)
-    centre = truth.centre * [1, 1, -1]
+    away = SurfaceIndex(shapes.moved(truth.mesh, matrix=np.diag([1, 1, -1])))
+    targets = sample_surface(truth, 10_000, "independent", 0).points
+    points = sample_surface(away, 2000, "independent", 1).points
+    noise = np.random.default_rng(0).normal(size=points.shape)
     with pytest.raises(DataError, match="nosy better with other axes"):
-        check_turn(away + 0.01 * noise, centre, truth)
-    (warning,) = check_turn(away + 0.05 * noise, centre, truth)
+        check_turn(points + 0.01 * noise, targets, away, truth)
+    (warning,) = check_turn(points + 0.05 * noise, targets, away, truth)
     assert "nosy better with other axes: a misfit of 0.06" in warning
-    assert check_turn(away + 0.1 * noise, centre, truth) == []
+    assert check_turn(points + 0.12 * noise, targets, away, truth) == []
 
 
 def bad_reconstructions(shapes):
