@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import importlib.metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from harness.core.hashing import derive_seed
 from harness.core.workers import Progress
-from harness.data.avatars.atlas import Atlas, unwrap
+from harness.data.avatars.atlas import unwrap
+from harness.data.avatars.bake import TEXTURE_SIZE, bake, face_labels, face_owners
 from harness.data.avatars.body import SKIN_VERTICES, Body, Posed, carry, reference_body
 from harness.data.avatars.checks import check_avatar
 from harness.data.avatars.drape import Draped, drape
 from harness.data.avatars.extras import collar, shoes
-from harness.data.avatars.faces import neighbours, without_islands
 from harness.data.avatars.hair import grow_hair
+from harness.data.avatars.landmarks import trunk_axis
 from harness.data.avatars.layer import Layer, cloth_layer, merge
-from harness.data.avatars.nearness import Nearness, keep_off
+from harness.data.avatars.nearness import Nearness
 from harness.data.avatars.paint import painters, skin_masks
-from harness.data.avatars.patterns import Piece, cut_bottom, cut_top
+from harness.data.avatars.patterns import cut_bottom, cut_top
 from harness.data.avatars.poses import POSES, joint_rotations
-from harness.data.avatars.quads import Floats, Ints, border_loops, triangles, vertex_normals
+from harness.data.avatars.quads import Floats, border_loops, compact, triangles, vertex_normals
 from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.shell import Shell, cap, outer_shell
 from harness.data.avatars.stored import load_drape
@@ -31,20 +31,11 @@ from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
 
-AVATARS_VERSION = 4
+AVATARS_VERSION = 5
 """Changes whenever any output does."""
 
-TEXTURE_SIZE = 2048
-_INNER_GAP_M = 0.005
-_LEAST_FACES = 150
-_REGIONS = (
-    ("head", ("head", "neck", "eye", "tongue", "jaw")),
-    ("hands", ("wrist", "finger", "metacarpal")),
-    ("arms", ("upperarm", "lowerarm", "shoulder")),
-    ("feet", ("foot", "toe")),
-    ("legs", ("upperleg", "lowerleg")),
-    ("torso", ("root", "pelvis", "spine", "clavicle")),
-)
+_INNER_GAP_M = 0.0025
+_SHOWN_M = 0.14
 
 
 def _skin_layer(body: Body, posed: Posed) -> Layer:
@@ -58,27 +49,22 @@ def _eye_layer(body: Body, posed: Posed) -> Layer:
     return Layer("eyes", posed.vertices[used], quads.reshape(-1, 4), place, solid=True)
 
 
-def _worn_under(recipe: AvatarRecipe, body: Body, posed: Posed, skin: Nearness) -> list[Piece]:
-    """What shows in the opening of a jacket or coat: a shirt that follows the body."""
+def _worn_under(recipe: AvatarRecipe, body: Body, posed: Posed, skin: Nearness) -> list[Layer]:
+    """The front of the shirt that shows in the opening of a jacket or coat.
+
+    It clings to the body, so that it is nowhere above what is worn over it.
+    """
     if recipe.top.inner is None:
         return []
-    shirt = long_sleeved(recipe.top.inner, sleeve=0.6, hem=-0.01, chest=1.0, sleeve_ease=1.05)
-    piece = cut_top(body, shirt, skin, name="inner")
-    over = Nearness(posed.vertices, body.quads("skin"))
-    vertices = carry(piece.vertices, piece.weights, posed.transforms)
-    vertices = keep_off(vertices, piece.quads, over, _INNER_GAP_M, rounds=6)
-    return [
-        Piece(
-            piece.name,
-            piece.fabric,
-            vertices,
-            piece.quads,
-            piece.weights,
-            piece.pin,
-            piece.pattern,
-            piece.part,
-        )
-    ]
+    cut = long_sleeved(recipe.top.inner, sleeve=0.6, hem=-0.01, chest=1.0, sleeve_ease=1.05)
+    shirt = cut_top(body, cut, skin, name="inner")
+    ahead = shirt.pattern[:, 2] > trunk_axis(body, shirt.pattern[:, 1])[:, 2]
+    shown = ahead & (np.abs(shirt.pattern[:, 0]) < _SHOWN_M) & (shirt.part == 0)
+    used, quads = compact(shirt.quads[shown[shirt.quads].all(1)])
+    vertices = carry(shirt.vertices[used], shirt.weights[used], posed.transforms)
+    height, outward = Nearness(posed.vertices, body.quads("skin")).height(vertices)
+    vertices -= (height - _INNER_GAP_M)[:, None] * outward
+    return [cloth_layer("inner", vertices, quads, shirt.pattern[used], shirt.part[used])]
 
 
 def drape_recipe(
@@ -101,8 +87,7 @@ def _clothes(
     """Cloth layers, the drapes they come from, and the borders to be capped."""
     skin = Nearness(body.vertices, body.quads("skin"))
     draped = drape_recipe(recipe, body)
-    under = _worn_under(recipe, body, posed, skin)
-    layers = [cloth_layer(p.name, p.vertices, p.quads, p.pattern, p.part) for p in under]
+    layers = _worn_under(recipe, body, posed, skin)
     layers += [
         cloth_layer(d.piece.name, d.vertices, d.piece.quads, d.piece.pattern, d.piece.part)
         for d in draped
@@ -136,78 +121,6 @@ def _shrunk(layer: Layer, depth: float) -> Layer:
     return Layer(layer.name, layer.vertices - inward, layer.faces, layer.place, True)
 
 
-def _texture(
-    recipe: AvatarRecipe,
-    body: Body,
-    layers: list[Layer],
-    mesh: tuple[Floats, Ints],
-    atlas: Atlas,
-    owner: Ints,
-) -> np.ndarray:
-    """The texture (size,size,3), 8-bit sRGB, row 0 at v = 1."""
-    from scipy.ndimage import distance_transform_edt
-
-    vertices, faces = mesh
-    paint = painters(recipe, body)
-    image = np.zeros((TEXTURE_SIZE, TEXTURE_SIZE, 3))
-    painted = np.zeros((TEXTURE_SIZE, TEXTURE_SIZE), bool)
-    texels = atlas.texels
-    for k, layer in enumerate(layers):
-        own = owner[texels.face] == k
-        if not own.any():
-            continue
-        used, local = np.unique(faces[texels.face[own]], return_inverse=True)
-        corner = layer.places_at(vertices[used])[local.reshape(-1, 3)]
-        place = np.einsum("nk,nkd->nd", texels.weights[own], corner)
-        rows = TEXTURE_SIZE - 1 - texels.row[own]
-        image[rows, texels.column[own]] = paint[layer.name](place)
-        painted[rows, texels.column[own]] = True
-    # Filtering at a chart's border must not mix in the background.
-    nearest: Any = distance_transform_edt(~painted, return_distances=False, return_indices=True)
-    return np.clip(np.rint(image[tuple(nearest)]), 0, 255).astype(np.uint8)
-
-
-def _labels(
-    recipe: AvatarRecipe, body: Body, layers: list[Layer], owner: Ints, nearest_vertex: Ints
-) -> tuple[Ints, tuple[str, ...]]:
-    """Region of each face: parts of the bare body, hair, shoes, and garments by name."""
-    worn = {
-        "top": recipe.top.kind,
-        "bottom": recipe.bottom.kind if recipe.bottom else "",
-        "inner": "shirt",
-    }
-    names = [name for name, _ in _REGIONS] + ["eyes", "hair", "shoes"]
-    names += [worn[layer.name] for layer in layers if layer.name in worn]
-    names = list(dict.fromkeys(names))
-    regions = np.stack(
-        [body.members(*bones)[:SKIN_VERTICES] for _, bones in _REGIONS], axis=1
-    ).argmax(1)
-    label = np.empty(len(owner), np.int64)
-    for k, layer in enumerate(layers):
-        own = owner == k
-        if layer.name == "skin":
-            label[own] = regions[nearest_vertex[own]]
-        else:
-            label[own] = names.index(worn.get(layer.name, layer.name))
-    return label, tuple(names)
-
-
-def _owners(layers: list[Layer], vertices: Floats, faces: Ints) -> tuple[Ints, Ints]:
-    """The layer (F,) nearest to each face, and the vertex (F,) of it that is nearest."""
-    all_vertices, all_faces, layer_of = merge(layers)
-    _, ids, weights, _ = Nearness(all_vertices, all_faces).closest(vertices[faces].mean(1))
-    first = np.cumsum([0] + [len(layer.vertices) for layer in layers])
-    owner = layer_of[ids]
-    vertex = all_faces[ids, weights.argmax(1)] - first[owner]
-    cleaned = without_islands(owner, neighbours(faces), _LEAST_FACES)
-    for k in np.unique(cleaned[cleaned != owner]):
-        moved = (cleaned != owner) & (cleaned == k)
-        near = Nearness(layers[k].vertices, layers[k].faces)
-        _, ids, weights, _ = near.closest(vertices[faces[moved]].mean(1))
-        vertex[moved] = near.faces[ids, weights.argmax(1)]
-    return cleaned, vertex
-
-
 def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
     """Write the avatar of a recipe into ``directory``, which appears as a whole or not at all.
 
@@ -222,9 +135,9 @@ def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
     shell = Shell()
     sheets = [_shrunk(layer, shell.half_thickness) for layer in layers]
     vertices, faces = outer_shell(*merge(sheets)[:2], [cap(loop) for loop in loops], shell)
-    owner, nearest_vertex = _owners(layers, vertices, faces)
+    owner, nearest_vertex = face_owners(layers, vertices, faces)
     atlas = unwrap(vertices, faces, TEXTURE_SIZE)
-    label, names = _labels(recipe, body, layers, owner, nearest_vertex)
+    label, names = face_labels(recipe, body, layers, owner, nearest_vertex)
     mesh = TexturedMesh(
         vertices,
         faces,
@@ -232,7 +145,7 @@ def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
         atlas.uv_faces,
         label,
         names,
-        _texture(recipe, body, layers, (vertices, faces), atlas, owner),
+        bake(painters(recipe, body), layers, (vertices, faces), atlas, owner),
     )
     cloth = np.isin(owner, [k for k, layer in enumerate(layers) if layer.name in ("top", "bottom")])
     skin = Nearness(posed.vertices, triangles(body.quads("skin")))

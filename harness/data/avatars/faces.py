@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from harness.core.errors import DataError
@@ -41,12 +43,17 @@ def connected(label: Ints, across: Ints) -> Ints:
     return connected_components(graph, directed=False)[1]
 
 
-def without_islands(label: Ints, across: Ints, least: int, rounds: int = 8) -> Ints:
-    """Labels (F,) in which sets of fewer than ``least`` faces took their surroundings' label."""
+def without_islands(
+    label: Ints, across: Ints, least: int, spared: Sequence[int] = (), rounds: int = 8
+) -> Ints:
+    """Labels (F,) in which sets of fewer than ``least`` faces took their surroundings' label.
+
+    Labels that are ``spared`` may be as small as they are.
+    """
     count = int(label.max()) + 1
     for _ in range(rounds):
         piece = connected(label, across)
-        small = np.bincount(piece)[piece] < least
+        small = (np.bincount(piece)[piece] < least) & ~np.isin(label, spared)
         if not small.any():
             break
         votes = np.zeros((int(piece.max()) + 1, count))

@@ -54,7 +54,7 @@ def _skin(recipe: AvatarRecipe, body: Body, place: Floats) -> Floats:
     colour = mix(colour, skin * [1.0, 0.78, 0.74], 0.5 * warm * front)
     tint = 0.85 if recipe.phenotype["gender"] > 0.5 else 0.6
     colour = mix(colour, skin * [0.84, 0.5, 0.5], np.clip(lips * tint, 0, 1))
-    colour = mix(colour, skin * 0.42, np.clip(lids, 0, 1) * 0.55)
+    colour = mix(colour, skin * 0.42, np.clip(lids, 0, 1) * 0.30)
     arch = 0.024 + 0.006 * np.exp(-(((side - abs(eye[0]) - 0.008) / 0.016) ** 2))
     brow = band(up - arch, 0.0038, 0.003) * band(side - abs(eye[0]), 0.021, 0.008) * front
     return mix(colour, np.asarray(recipe.hair.colour, float) * 0.8, 0.85 * brow)
