@@ -1,0 +1,146 @@
+"""Two- and three-dimensional body landmarks in photos, by MediaPipe.
+
+Source: MediaPipe Holistic 0.10.21 (Apache-2.0; the models are inside its wheel). Each view is
+detected by itself, as a still picture.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture
+from harness.core.errors import MissingPart
+from harness.core.protocols import Part
+from harness.geometry.images import composite, load_rgba
+
+__all__ = ["COUNT", "MIRRORED", "Detections", "detect", "part"]
+
+Floats = NDArray[np.float64]
+
+#: Landmarks of MediaPipe's body.
+COUNT = 33
+#: The same landmark on the other side: a left/right swap is ``values[..., MIRRORED, :]``.
+MIRRORED = np.array(
+    [0, 4, 5, 6, 1, 2, 3, 8, 7, 10, 9]
+    + [index + (1 if index % 2 else -1) for index in range(11, 33)]
+)
+_BACKGROUND = (0.75, 0.75, 0.75)
+#: Free space around the subject, as a share of its height; the detector wants some.
+_MARGIN = 0.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detections:
+    """What was found in N views.
+
+    Attributes:
+        pixels: (N, 33, 2) in pixels of the full images.
+        points_camera: (N, 33, 3) metres, relative to the middle of the hips; OpenCV camera axes.
+        confidence: (N, 33) from 0 to 1; 0 for all where nothing was found.
+    """
+
+    pixels: Floats
+    points_camera: Floats
+    confidence: Floats
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(N,) whether a person was found."""
+        return self.confidence.any(axis=1)
+
+    def mirrored(self, views: NDArray[np.bool_]) -> Detections:
+        """The same with left and right exchanged in some views (N,)."""
+        swapped = views[:, None]
+        return Detections(
+            pixels=np.where(swapped[..., None], self.pixels[:, MIRRORED], self.pixels),
+            points_camera=np.where(
+                swapped[..., None], self.points_camera[:, MIRRORED], self.points_camera
+            ),
+            confidence=np.where(swapped, self.confidence[:, MIRRORED], self.confidence),
+        )
+
+    def at(self, views: Sequence[int] | NDArray[np.integer[Any]]) -> Detections:
+        """The detections of some views, in that order."""
+        index = np.asarray(views, dtype=np.int64)
+        return Detections(self.pixels[index], self.points_camera[index], self.confidence[index])
+
+
+def part() -> Part:
+    """The detector as records name it."""
+    try:
+        return Part("landmarks", f"MediaPipe Holistic {version('mediapipe')}", "Apache-2.0")
+    except PackageNotFoundError:
+        return Part("landmarks", "MediaPipe Holistic", "Apache-2.0")
+
+
+def detect(capture: Capture) -> Detections:
+    """Landmarks in every view of a capture; a view without a person has confidence 0.
+
+    Raises:
+        MissingPart: MediaPipe is not installed.
+        DataError: an image cannot be read.
+    """
+    images = tuple(capture.image_path(view) for view in range(len(capture.cameras)))
+    return _detect(images, tuple(camera.size for camera in capture.cameras), capture.key)
+
+
+@functools.lru_cache(maxsize=2)
+def _detect(
+    images: tuple[Path, ...],
+    sizes: tuple[tuple[int, int], ...],
+    key: str,  # noqa: ARG001 - the cache's
+) -> Detections:
+    """Cached, because the method and the scorer of one cell ask the same."""
+    holistic = _holistic()
+    pixels = np.zeros((len(images), COUNT, 2))
+    points = np.zeros((len(images), COUNT, 3))
+    confidence = np.zeros((len(images), COUNT))
+    with holistic(static_image_mode=True, model_complexity=1) as detector:
+        for view, (path, size) in enumerate(zip(images, sizes, strict=True)):
+            rgba = load_rgba(path, size)
+            left, top, picture = _cut_out(rgba)
+            found = detector.process(picture)
+            if found.pose_landmarks is None or found.pose_world_landmarks is None:
+                continue
+            height, width, _ = picture.shape
+            marks = found.pose_landmarks.landmark
+            pixels[view] = [(mark.x * width + left, mark.y * height + top) for mark in marks]
+            confidence[view] = [mark.visibility for mark in marks]
+            points[view] = [(m.x, m.y, m.z) for m in found.pose_world_landmarks.landmark]
+    return Detections(pixels, points, np.clip(confidence, 0.0, 1.0))
+
+
+def _holistic() -> Any:
+    try:
+        import mediapipe
+    except ImportError as error:
+        raise MissingPart(
+            "landmarks are found with MediaPipe, which is not installed",
+            hint="Run: pip install mediapipe==0.10.21",
+        ) from error
+    return mediapipe.solutions.holistic.Holistic
+
+
+def _cut_out(rgba: NDArray[np.uint8]) -> tuple[int, int, NDArray[np.uint8]]:
+    """Column and row of a window round the subject, and its picture on plain grey."""
+    rows, columns = (np.flatnonzero((rgba[..., 3] > 127).any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        rows, columns = np.arange(rgba.shape[0]), np.arange(rgba.shape[1])
+    margin = round(_MARGIN * (rows[-1] - rows[0] + 1))
+    top, bottom = rows[0] - margin, rows[-1] + 1 + margin
+    left, right = columns[0] - margin, columns[-1] + 1 + margin
+    canvas = np.zeros((bottom - top, right - left, 4), dtype=np.uint8)
+    inner_top, inner_left = max(top, 0), max(left, 0)
+    piece = rgba[inner_top : max(bottom, 0), inner_left : max(right, 0)]
+    height, width, _ = piece.shape
+    canvas[inner_top - top :, inner_left - left :][:height, :width] = piece
+    picture = np.round(composite(canvas, _BACKGROUND) * 255).astype(np.uint8)
+    return int(left), int(top), np.ascontiguousarray(picture)

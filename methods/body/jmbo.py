@@ -1,0 +1,206 @@
+"""JMBO: one body fitted jointly to the silhouettes, normals and landmarks of N calibrated views.
+
+Source: MExECON, section "Joint Multi-view Body Optimization". The cost is the paper's; the
+authors' code differs from it in ways that are not followed here: its normal term is signed, its
+head weight is 0.3, its landmarks are mirrored against its silhouettes, and it looks at every view
+through an orthographic crop that knows of the cameras nothing but their rotation. Every view here
+has its full perspective camera, wherever it stands and however it is pitched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from methods.body.evidence import Evidence
+from methods.body.model import Parameters, ParametricBody, Posed
+from methods.body.normal_maps import NormalTarget, normal_cost
+from methods.body.prior import BodyPrior
+from methods.body.projection import Projector
+from methods.body.silhouette import SilhouetteTarget, silhouette_cost
+from methods.body.surface import BodySurface, Topology
+from methods.body.views import Views
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["Fit", "Weights", "head_cost", "optimise"]
+
+_PATIENCE, _FACTOR, _LEAST_RATE = 5, 0.5, 1e-5
+#: A fit whose step the plateau schedule has brought below this share of the first has converged.
+_CONVERGED_SHARE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """The cost and how it is brought down. The defaults are the paper's equation.
+
+    Attributes:
+        silhouette, normal, landmark, head: Of the terms; 0 turns one off.
+        uncovered: Weight, within the silhouette term, of subject that the body does not cover: 1
+            is the paper's L1; less lets clothes stand off the body.
+        prior: Of the pose and shape prior; the paper has none.
+        iterations: At most.
+        rate: Adam's first step.
+        batch: Views per iteration; 0 takes all.
+    """
+
+    silhouette: float = 1.0
+    normal: float = 0.2
+    landmark: float = 0.1
+    head: float = 0.1
+    uncovered: float = 1.0
+    prior: float = 0.0
+    iterations: int = 35
+    rate: float = 1e-2
+    batch: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """How an optimisation went.
+
+    Attributes:
+        parameters: Of the one body, with the least cost that was met.
+        costs: Total cost at each iteration.
+        terms: Mean over views of each unweighted term, at the start and at the end.
+        ended: ``converged`` or ``iterations``.
+    """
+
+    parameters: dict[str, Tensor]
+    costs: tuple[float, ...]
+    terms: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+    ended: Literal["converged", "iterations"] = "iterations"
+
+
+def optimise(
+    body: ParametricBody, views: Views, start: Parameters, weights: Weights, seed: int
+) -> Fit:
+    """The body that the views agree on best, starting from parameters of one body.
+
+    Memory does not grow with the views: each view's gradient is added to the vertices' and its
+    graph dropped before the next is looked at. ``batch`` bounds the time of an iteration as well.
+    """
+    import torch
+
+    problem = _Problem(body, views, weights)
+    parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
+    optimiser = torch.optim.Adam(list(parameters.values()), lr=weights.rate, amsgrad=True)
+    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
+        optimiser, factor=_FACTOR, patience=_PATIENCE, min_lr=_LEAST_RATE
+    )
+    turns = _batches(len(views.views), weights, seed)
+    costs: list[float] = []
+    terms: list[dict[str, float]] = []
+    best = {name: value.detach().clone() for name, value in parameters.items()}
+    ended: Literal["converged", "iterations"] = "iterations"
+    for chosen in turns:
+        optimiser.zero_grad()
+        cost, found = problem.step(parameters, chosen)
+        # With mini-batches the costs of two iterations are of different views: the last one counts.
+        if not costs or cost < min(costs) or weights.batch:
+            best = {name: value.detach().clone() for name, value in parameters.items()}
+        costs.append(cost)
+        terms.append(found)
+        optimiser.step()
+        schedule.step(cost)
+        if schedule.get_last_lr()[0] < _CONVERGED_SHARE * weights.rate:
+            ended = "converged"
+            break
+    last = int(np.argmin(costs)) if not weights.batch else -1
+    pairs = {name: (terms[0][name], terms[last][name]) for name in terms[0]} if terms else {}
+    return Fit(best, tuple(costs), pairs, ended)
+
+
+def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:
+    """The views of each iteration; in mini-batches every view comes equally often."""
+    if not 0 < weights.batch < count:
+        return [range(count)] * weights.iterations
+    generator = np.random.default_rng(seed)
+    order: list[int] = []
+    while len(order) < weights.iterations * weights.batch:
+        order += generator.permutation(count).tolist()
+    starts = range(0, weights.iterations * weights.batch, weights.batch)
+    return [order[start : start + weights.batch] for start in starts]
+
+
+def head_cost(body: ParametricBody, posed: Posed) -> Tensor:
+    """1 - cosine between the head's own upward axis and the world's.
+
+    Source: MExECON, equation of the head loss, with both vectors of unit length.
+    """
+    return 1.0 - posed.turns[0, body.roles["head"], 1, 1]
+
+
+class _Problem:
+    """The cost of one body in all views."""
+
+    def __init__(self, body: ParametricBody, views: Views, weights: Weights) -> None:
+        self.body, self.weights = body, weights
+        self.topology = Topology(body.faces)
+        self.prior = BodyPrior(body)
+        self.evidence = Evidence(views.views, views.detections, body.landmarks)
+        self.silhouettes = [
+            SilhouetteTarget(
+                Projector(view.camera), view.coverage, view.side_px**2, weights.uncovered
+            )
+            for view in views.views
+        ]
+        self.normals = [
+            None
+            if view.normals_camera is None
+            else NormalTarget(Projector(view.camera), view.normals_camera, view.side_px**2)
+            for view in views.views
+        ]
+
+    def step(
+        self, parameters: Parameters, chosen: Sequence[int]
+    ) -> tuple[float, dict[str, float]]:
+        """The cost, with its gradient added to the parameters', and the terms' means over views."""
+        import torch
+
+        posed = self.body.posed(parameters)
+        points = self.body.landmark_points(posed)
+        vertices_leaf = posed.vertices[0].detach().requires_grad_()
+        points_leaf = points[0].detach().requires_grad_()
+        surface = BodySurface(
+            vertices_leaf.detach().cpu().double().numpy(), self.topology
+        )
+        total, sums = 0.0, dict.fromkeys(("silhouette", "normal", "landmark"), 0.0)
+        share = len(self.silhouettes) / len(chosen)
+        for view in chosen:
+            terms = self._terms(view, vertices_leaf, points_leaf, surface)
+            cost = share * sum(getattr(self.weights, name) * term for name, term in terms.items())
+            if isinstance(cost, torch.Tensor):
+                cost.backward()
+                total += cost.item()
+            for name, term in terms.items():
+                sums[name] += term.item() / len(chosen)
+        head = head_cost(self.body, posed)
+        rest = self.weights.head * head + self.weights.prior * self.prior(parameters).sum()
+        through = _gradient_of(vertices_leaf) * posed.vertices[0]
+        along = _gradient_of(points_leaf) * points[0]
+        (through.sum() + along.sum() + rest).backward()
+        return total + rest.item(), {**sums, "head": head.item()}
+
+    def _terms(
+        self, view: int, vertices: Tensor, points: Tensor, surface: BodySurface
+    ) -> dict[str, Tensor]:
+        terms = {}
+        if self.weights.silhouette:
+            terms["silhouette"] = silhouette_cost(vertices, surface, self.silhouettes[view])
+        if self.weights.landmark:
+            terms["landmark"] = self.evidence.loss(points, view)
+        normals = self.normals[view]
+        if self.weights.normal and normals is not None:
+            terms["normal"] = normal_cost(vertices, surface, normals)
+        return terms
+
+
+def _gradient_of(leaf: Tensor) -> Tensor:
+    import torch
+
+    return torch.zeros_like(leaf) if leaf.grad is None else leaf.grad.detach()

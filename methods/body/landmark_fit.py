@@ -1,0 +1,148 @@
+"""Bodies from landmarks alone: one per view, their average, and one for all views together.
+
+The fits to single views stand where the paper has PIXIE. One view cannot tell size from distance,
+so such a fit is placed at the distance of the rig's centre, the world's origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from methods.body.detection import Detections
+from methods.body.evidence import Evidence
+from methods.body.model import Parameters, ParametricBody, neutral
+from methods.body.prior import BodyPrior
+from methods.body.rotations import mean_rotation, mean_rotation_vector, upright
+from methods.body.views import View
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["average", "fit_each_view", "fit_jointly", "swapped_views"]
+
+_SINGLE_STEPS, _SINGLE_RATE = 120, 0.05
+_JOINT_STEPS, _JOINT_RATE = 150, 0.03
+#: Standard deviations: of a landmark in the picture (as metres at the subject), of one in space.
+_PICTURE_M, _SPACE_M = 0.02, 0.06
+#: How far a single view's body may be from the origin's distance, metres.
+_DEPTH_M = 0.02
+_LEFT, _RIGHT = [11, 23], [12, 24]
+#: A view is called swapped where the other labelling fits this many times better.
+_CLEARLY = 1.5
+
+
+def fit_each_view(
+    body: ParametricBody, views: tuple[View, ...], detections: Detections
+) -> dict[str, Tensor]:
+    """Parameters of N bodies, each fitted to one view's 2-D and 3-D landmarks.
+
+    Args:
+        body: With its landmarks only (``sparse``).
+        views: N views.
+        detections: Of these views.
+    """
+    import torch
+
+    evidence = Evidence(views, detections, body.landmarks)
+    prior = BodyPrior(body)
+    start = neutral(body, len(views))
+    turns = [
+        upright(view.camera.rotation.T @ (points[_LEFT] - points[_RIGHT]).sum(axis=0))
+        for view, points in zip(views, detections.points_camera, strict=True)
+    ]
+    start["orientation"] = torch.tensor(np.array(turns), dtype=torch.float32)[:, :, :2]
+
+    def energy(parameters: Parameters) -> Tensor:
+        points = body.landmark_points(body.posed(parameters))
+        away = (parameters["translation"] * evidence.forward).sum(1) / _DEPTH_M
+        space = _robust(evidence.space_error(points) / _SPACE_M)
+        landmarks = _picture_terms(evidence, points) + evidence.confidence * space
+        return (landmarks.sum(1) + prior(parameters) + 0.5 * away**2).sum()
+
+    return _descend(start, energy, _SINGLE_STEPS, _SINGLE_RATE)
+
+
+def average(parameters: Parameters) -> dict[str, Tensor]:
+    """One body from N: rotations averaged on SO(3), places and shapes arithmetically.
+
+    The orientations are in the world frame already, which the known cameras made common.
+    """
+    import roma
+    import torch
+
+    turns = roma.special_gramschmidt(parameters["orientation"]).double().numpy()
+    pose = parameters["pose"].double().numpy()
+    vectors = [mean_rotation_vector(pose[:, joint]) for joint in range(pose.shape[1])]
+    return {
+        "orientation": torch.tensor(mean_rotation(turns), dtype=torch.float32)[None, :, :2],
+        "translation": parameters["translation"].mean(0, keepdim=True),
+        "pose": torch.tensor(np.array(vectors), dtype=torch.float32)[None],
+        "shape": parameters["shape"].mean(0, keepdim=True),
+    }
+
+
+def fit_jointly(
+    body: ParametricBody, views: tuple[View, ...], detections: Detections, start: Parameters
+) -> dict[str, Tensor]:
+    """Parameters of one body fitted to the 2-D landmarks of all views; a few wrong ones do little."""
+    evidence = Evidence(views, detections, body.landmarks)
+    prior = BodyPrior(body)
+
+    def energy(parameters: Parameters) -> Tensor:
+        points = body.landmark_points(body.posed(parameters))
+        return _picture_terms(evidence, points).sum() + prior(parameters).sum()
+
+    return _descend(start, energy, _JOINT_STEPS, _JOINT_RATE)
+
+
+def swapped_views(
+    body: ParametricBody, views: tuple[View, ...], detections: Detections, fitted: Parameters
+) -> NDArray[np.bool_]:
+    """(N,) views whose landmarks fit a body clearly better with left and right exchanged.
+
+    The body is one that was fitted to all views, so that the cameras decide which views are odd.
+    """
+    import torch
+
+    with torch.no_grad():
+        points = body.landmark_points(body.posed(fitted))
+        errors = []
+        for found in (detections, detections.mirrored(np.ones(len(views), dtype=bool))):
+            evidence = Evidence(views, found, body.landmarks)
+            error = evidence.confidence * evidence.pixel_error(points)
+            errors.append((error.sum(1) / evidence.confidence.sum(1)).numpy())
+    return errors[0] > _CLEARLY * errors[1]
+
+
+def _picture_terms(evidence: Evidence, points: Tensor) -> Tensor:
+    """(N, K) robust cost of landmarks in the pictures."""
+    error_m = evidence.pixel_error(points) * evidence.metres_per_px[:, None]
+    return evidence.confidence * _robust(error_m / _PICTURE_M)
+
+
+def _robust(ratio: Tensor) -> Tensor:
+    """Half the square for small errors, growing as a logarithm for large ones (Cauchy)."""
+    return 0.5 * (ratio**2).log1p()
+
+
+def _descend(
+    start: Parameters, energy: Callable[[Parameters], Tensor], steps: int, rate: float
+) -> dict[str, Tensor]:
+    import torch
+
+    parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
+    optimiser = torch.optim.Adam(list(parameters.values()), lr=rate, amsgrad=True)
+    # Slower towards the end, so that it ends at a minimum and not somewhere round it.
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, eta_min=0.05 * rate)
+    for _ in range(steps):
+        optimiser.zero_grad()
+        energy(parameters).backward()
+        optimiser.step()
+        schedule.step()
+    return {name: value.detach() for name, value in parameters.items()}
+
+

@@ -1,0 +1,153 @@
+"""A view as the fit sees it: its mask at a working size, its landmarks, its frame of reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture
+from harness.core.camera import Camera
+from harness.core.errors import MethodError
+from harness.geometry.images import load_mask
+from methods.body.detection import Detections, detect
+
+__all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
+
+Floats = NDArray[np.float64]
+
+#: Side of the square that losses refer to, in longer sides of the subject's box, about as in ECON's
+#: crops; without it a loss would depend on how much of the picture the subject fills.
+FRAME_MARGIN = 1.1
+#: Fewer confident landmarks than this are no person.
+_LEAST_LANDMARKS = 6
+_CONFIDENT = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One usable view at its working size.
+
+    Attributes:
+        index: In the capture.
+        camera: Of the working picture.
+        coverage: (H, W) of the subject, 0 to 1.
+        side_px: Side of the subject's frame in working pixels.
+        normals_camera: (H, W, 3) clothed normals in the map frame, or None.
+    """
+
+    index: int
+    camera: Camera
+    coverage: Floats
+    side_px: float
+    normals_camera: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Views:
+    """The usable views and what was found in them.
+
+    Attributes:
+        views: In the order of the capture.
+        detections: Of these views; ``pixels`` are working pixels.
+        left_out: Reason by view index.
+    """
+
+    views: tuple[View, ...]
+    detections: Detections
+    left_out: dict[int, str]
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Indices of the views in the capture."""
+        return tuple(view.index for view in self.views)
+
+
+def frame_side_px(inside: NDArray[np.bool_]) -> float:
+    """Side of the square that losses refer to: a little more than the subject's box, pixels."""
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    longest = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
+    return float(FRAME_MARGIN * longest)
+
+
+def load_views(
+    capture: Capture,
+    indices: Sequence[int],
+    subject_px: int,
+    normals: Callable[[Camera], Floats] | None = None,
+) -> Views:
+    """The usable ones among some views of a capture.
+
+    Args:
+        capture: The photos.
+        indices: Which of its views.
+        subject_px: Longer side of the subject in working pixels; pictures are never enlarged.
+        normals: Makes the clothed normals (H, W, 3) of a camera, map frame.
+
+    Raises:
+        MethodError: no view shows a person.
+        MissingPart: MediaPipe is not installed.
+    """
+    found = detect(capture)
+    views: list[View] = []
+    left_out: dict[int, str] = {}
+    for index in indices:
+        if int((found.confidence[index] > _CONFIDENT).sum()) < _LEAST_LANDMARKS:
+            left_out[index] = "no person was detected"
+            continue
+        camera = capture.cameras[index]
+        coverage = load_mask(capture.image_path(index), camera.size)
+        inside = coverage > 0.5
+        if not inside.any():
+            left_out[index] = "its mask is empty"
+            continue
+        views.append(_working_view(index, camera, coverage, subject_px, normals))
+    if not views:
+        raise MethodError(
+            "no view shows a person",
+            expected="at least one view with a detected person and a mask",
+            got="; ".join(f"view {index}: {why}" for index, why in left_out.items()),
+        )
+    used = [view.index for view in views]
+    detections = found.at(used)
+    scales = [
+        [view.camera.width / capture.cameras[view.index].width,
+         view.camera.height / capture.cameras[view.index].height]
+        for view in views
+    ]  # fmt: skip
+    working = Detections(
+        pixels=detections.pixels * np.array(scales)[:, None],
+        points_camera=detections.points_camera,
+        confidence=detections.confidence,
+    )
+    return Views(tuple(views), working, left_out)
+
+
+def _working_view(
+    index: int,
+    camera: Camera,
+    coverage: Floats,
+    subject_px: int,
+    normals: Callable[[Camera], Floats] | None,
+) -> View:
+    side = frame_side_px(coverage > 0.5)
+    scale = min(1.0, subject_px * FRAME_MARGIN / side)
+    width, height = (max(1, round(scale * size)) for size in camera.size)
+    working = camera.resized(width, height)
+    return View(
+        index=index,
+        camera=working,
+        coverage=_shrunk(coverage, width, height),
+        side_px=side * width / camera.width,
+        normals_camera=None if normals is None else normals(working),
+    )
+
+
+def _shrunk(coverage: Floats, width: int, height: int) -> Floats:
+    """Coverage averaged over larger pixels."""
+    from PIL import Image
+
+    image = Image.fromarray(coverage.astype(np.float32))
+    return np.asarray(image.resize((width, height), Image.Resampling.BOX), dtype=np.float64)
