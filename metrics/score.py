@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,7 +95,9 @@ def score(
         HarnessError: a protocol that contradicts itself.
     """
     _check_protocol(protocol)
-    mine, true = _Side.of(predicted, "predicted", protocol), _Side.of(truth, "truth", protocol)
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        sides = pool.map(_Side.of, (predicted, truth), ("predicted", "truth"), (protocol,) * 2)
+        mine, true = sides
     check_scale_and_place(mine.surface, true.surface, protocol.minimum_scale_ratio)
     doubts = check_turn(mine.samples.points, true.samples.points, mine.surface, true.surface)
     there, back = _errors(mine, true), _errors(true, mine)

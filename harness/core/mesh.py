@@ -16,6 +16,9 @@ __all__ = ["Mesh"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer[Any]]
 
+_SAFE_COORDINATE = 1e100
+_FEW_FACES = 1000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
@@ -51,7 +54,7 @@ class Mesh:
         self._check_indices()
         # Not before the check: the cast would wrap an index that is out of range.
         self._hold("faces", "face_uv", dtype=np.int32)
-        if not 0 < self.area < np.inf:
+        if not self._has_measurable_surface():
             raise DataError(
                 f"{self.source} has no measurable surface",
                 expected="a positive area",
@@ -127,6 +130,15 @@ class Mesh:
                     got=str(low if low < 0 else high),
                 )
 
+    def _has_measurable_surface(self) -> bool:
+        """Whether the total area is positive and finite; a few faces usually tell."""
+        # The squared coordinates of any face stay finite below this, and so does the sum of areas.
+        if np.abs(self.vertices).max() < _SAFE_COORDINATE:
+            few = _face_vectors(self.vertices, self.faces[:_FEW_FACES])
+            if np.linalg.norm(few, axis=1).sum() > 0:
+                return True
+        return 0 < self.area < np.inf
+
     @property
     def bounds(self) -> Floats:
         """(2, 3) lower and upper corner of the bounding box of the vertices that faces use."""
@@ -143,15 +155,7 @@ class Mesh:
 
     def face_normals(self) -> Floats:
         """(F, 3) face normals times twice the area; zero for a degenerate face."""
-        a, b, c = (self.vertices.take(self.faces[:, corner], axis=0) for corner in range(3))
-        u, w = b - a, c - a
-        normals = np.empty_like(u)
-        # Coordinates too large to be squared give an area that is infinite, which is refused. By
-        # component, this is the same to the last bit as numpy's cross product and twice as fast.
-        with np.errstate(over="ignore", invalid="ignore"):
-            for axis, (p, q) in enumerate(((1, 2), (2, 0), (0, 1))):
-                normals[:, axis] = u[:, p] * w[:, q] - u[:, q] * w[:, p]
-        return normals
+        return _face_vectors(self.vertices, self.faces)
 
     def face_areas(self) -> Floats:
         """(F,) triangle areas."""
@@ -187,3 +191,16 @@ class Mesh:
     def geometry(self) -> Mesh:
         """The same surface without texture."""
         return replace(self, uv=None, face_uv=None, texture=None)
+
+
+def _face_vectors(vertices: Floats, faces: Indices) -> Floats:
+    """(F, 3) cross products of two edges of each face."""
+    a, b, c = (vertices.take(faces[:, corner], axis=0) for corner in range(3))
+    u, w = b - a, c - a
+    vectors = np.empty_like(u)
+    # Coordinates too large to be squared give an area that is infinite, which is refused. By
+    # component, this is the same to the last bit as numpy's cross product and twice as fast.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for axis, (p, q) in enumerate(((1, 2), (2, 0), (0, 1))):
+            vectors[:, axis] = u[:, p] * w[:, q] - u[:, q] * w[:, p]
+    return vectors

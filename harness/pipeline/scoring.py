@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,7 +35,9 @@ def score_pair(
     """
     from metrics.score import score
 
-    return score(load_mesh(predicted), load_mesh(truth), protocol, keep_points=keep_points)
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        meshes = pool.map(load_mesh, (predicted, truth))
+        return score(*meshes, protocol, keep_points=keep_points)
 
 
 @dataclass(frozen=True, slots=True)

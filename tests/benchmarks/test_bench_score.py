@@ -20,9 +20,9 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from harness.core.mesh import Mesh
-from harness.core.mesh_files import load_mesh, save_mesh
+from harness.core.mesh_files import save_mesh
 from harness.core.settings import MetricProtocol
-from metrics.score import score
+from harness.pipeline.scoring import score_pair
 
 MEXECON = MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
 LEAST_SPEEDUP = 3.0
@@ -108,7 +108,7 @@ def normal_angles(predicted_normals, truth, answer) -> list[float]:
 
 
 def our_way(predicted: Path, truth: Path) -> dict[str, float]:
-    result = score(load_mesh(predicted), load_mesh(truth), MEXECON)
+    result = score_pair(predicted, truth, MEXECON)
     return {name: metric.value for name, metric in result.metrics.items()}
 
 
