@@ -106,7 +106,7 @@ def make(
     as_json: Json = False,
 ) -> None:
     """Make a generated dataset; what is there and current is kept."""
-    from harness.cli.display import Bars
+    from harness.cli.display import Bars, tell
     from harness.data.manifest import load_manifest
     from harness.pipeline.captures import make_avatars
     from harness.pipeline.sources import Source
@@ -122,10 +122,4 @@ def make(
     )
     with Bars(quiet=as_json) as bars:
         outcomes = make_avatars(source, jobs, bars)
-    if as_json:
-        print(json.dumps([outcome.to_dict() for outcome in outcomes], indent=2))
-    else:
-        for outcome in outcomes:
-            print(outcome)
-    if any(outcome.failure for outcome in outcomes):
-        raise typer.Exit(1)
+    tell(outcomes, as_json=as_json)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from types import TracebackType
+from typing import TYPE_CHECKING
 
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -15,7 +19,21 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-__all__ = ["Bars"]
+if TYPE_CHECKING:
+    from harness.pipeline.captures import CaptureOutcome
+
+__all__ = ["Bars", "tell"]
+
+
+def tell(outcomes: Sequence[CaptureOutcome], *, as_json: bool) -> None:
+    """Print what became of each subject; exit with 1 if one of them failed."""
+    if as_json:
+        print(json.dumps([outcome.to_dict() for outcome in outcomes], indent=2))
+    else:
+        for outcome in outcomes:
+            print(outcome)
+    if any(outcome.failure for outcome in outcomes):
+        raise typer.Exit(1)
 
 
 class Bars:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
-import typer
-
 from harness.cli.options import (
     Dataset,
     Jobs,
@@ -30,7 +26,7 @@ def render(
     as_json: Json = False,
 ) -> None:
     """Render calibrated RGBA photos of subjects; what is there and current is kept."""
-    from harness.cli.display import Bars
+    from harness.cli.display import Bars, tell
     from harness.data.manifest import load_manifest
     from harness.pipeline.captures import render_all
     from harness.pipeline.sources import Source
@@ -45,10 +41,4 @@ def render(
     )
     with Bars(quiet=as_json) as bars:
         outcomes = render_all(source, jobs, bars)
-    if as_json:
-        print(json.dumps([outcome.to_dict() for outcome in outcomes], indent=2))
-    else:
-        for outcome in outcomes:
-            print(outcome)
-    if any(outcome.failure for outcome in outcomes):
-        raise typer.Exit(1)
+    tell(outcomes, as_json=as_json)
