@@ -45,7 +45,7 @@ def check_avatar(
     """What an avatar measures.
 
     cloth (F,) marks garment faces. Distances from their centres to the true body, mm; angle between
-    their normals and the body's at the nearest point, degrees.
+    their normals and the body's at the nearest point, degrees, linings left out.
 
     Raises:
         DataError: not watertight, not 1.45 to 2.0 m high, or cut by a view of the paper's rig.
@@ -71,6 +71,7 @@ def check_avatar(
     points, _, _, body_normals = skin.closest(corners.mean(1))
     distance = np.linalg.norm(corners.mean(1) - points, axis=1) * 1000
     cosine = np.clip(np.einsum("fd,fd->f", normals, body_normals), -1, 1)
+    outside = cosine > 0  # not the lining that shows in an open coat or under a hem
     return {
         "vertices": len(vertices),
         "faces": len(faces),
@@ -81,6 +82,6 @@ def check_avatar(
         "cloth_to_body_mm": round(float(np.average(distance, weights=areas)), 2),
         "cloth_to_body_95_mm": round(float(np.percentile(distance, 95)), 2),
         "cloth_to_body_normals_deg": round(
-            float(np.average(np.degrees(np.arccos(cosine)), weights=areas)), 2
+            float(np.average(np.degrees(np.arccos(cosine[outside])), weights=areas[outside])), 2
         ),
     }

@@ -51,7 +51,7 @@ class TexturedMesh:
 def _obj_text(mesh: TexturedMesh) -> str:
     lines = ["mtllib material0.mtl"]
     lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices.tolist()]
-    lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uv.tolist()]
+    lines += [f"vt {u:.8f} {v:.8f}" for u, v in mesh.uv.tolist()]
     lines.append("usemtl material0")
     pairs = np.stack([mesh.faces, mesh.uv_faces], -1).reshape(-1, 6) + 1
     lines += [f"f {a}/{p} {b}/{q} {c}/{r}" for a, p, b, q, c, r in pairs.tolist()]

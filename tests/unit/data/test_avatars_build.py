@@ -81,7 +81,7 @@ def test_it_is_one_closed_surface_of_a_person_in_metres(mesh):
 def test_texture_triangles_are_not_turned_over(mesh):
     a, b, c = (np.asarray(mesh.uv)[np.asarray(mesh.face_uv)[:, k]] for k in range(3))
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    # Six decimals in the file may flatten a sliver, but turn none that could be seen.
+    # The file's decimals may flatten a sliver, but turn none over.
     assert area.min() > -1e-10
     assert (area > 0).mean() > 0.999
 
