@@ -9,6 +9,9 @@ __all__ = ["METHODS"]
 METHODS = Registry(
     "method",
     {
+        "econ": "methods.econ:econ",
+        "mexecon2": "methods.mexecon:mexecon2",
+        "mexecon8": "methods.mexecon:mexecon8",
         "hull8": "methods.hull:hull8",
         "gt": "methods.gt:gt",
     },

@@ -18,6 +18,7 @@ from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, Method
 from harness.core.workers import Progress, worker_main
 from harness.pipeline.cost import StageMeter
+from harness.pipeline.oracle_normals import OracleNormals
 from harness.pipeline.plan import resolve_method
 from harness.pipeline.sources import Source
 
@@ -39,7 +40,7 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
             seed=derive_seed(int(job["seed"]), method.info.name, subject),  # type: ignore[call-overload]
             workdir=workdir,
             stage=meter.stage,
-            privileged=_privileged(method, truth),
+            privileged=_privileged(method, capture, truth),
         )
         result = method.reconstruct(capture, context)
     save_mesh(cell / "mesh.ply", result.mesh)
@@ -59,11 +60,14 @@ def _workdir(cell: Path, *, keep: bool) -> Iterator[Path]:
             yield Path(name)
 
 
-def _privileged(method: Method, truth: Mesh) -> dict[str, object]:
+def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, object]:
     """What the method's declared privileges entitle it to, and nothing else."""
     lent: dict[str, object] = {}
     if "ground_truth_mesh" in method.info.privileges:
         lent["ground_truth_mesh"] = truth.geometry()
+    if "oracle_normals" in method.info.privileges:
+        views = method.info.views or range(len(capture.cameras))
+        lent["oracle_normals"] = OracleNormals(truth, [capture.cameras[view] for view in views])
     return lent
 
 

@@ -1,0 +1,99 @@
+"""All that the integration of one view needs: clothed normals of both sides, and the body's depth.
+
+Maps are (H, W, ...) on the pixel grid of the view's own full perspective camera; normals are in the
+map frame, x right, y up, z towards the viewer, so that z is negative on the back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.errors import MethodError
+from harness.core.protocols import NormalEstimator
+from methods.normals.sides import SidedRaycaster
+from methods.normals.working_view import WorkingView
+
+__all__ = ["ViewMaps", "filled_normals", "view_maps"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewMaps:
+    """The maps of one view.
+
+    Attributes:
+        view: The working picture.
+        front, back: (H, W, 3) clothed unit normals inside the mask, 0 outside.
+        body_front, body_back: (H, W, 3) unit normals of the body, 0 where there is none.
+        body_near_m, body_far_m: (H, W) depth of the body's two sides, NaN where there is none.
+    """
+
+    view: WorkingView
+    front: Floats
+    back: Floats
+    body_front: Floats
+    body_back: Floats
+    body_near_m: Floats
+    body_far_m: Floats
+
+
+def view_maps(view: WorkingView, body: SidedRaycaster, estimator: NormalEstimator) -> ViewMaps:
+    """The clothed normals that an estimator makes of a view, and the body behind them.
+
+    Raises:
+        MethodError: the estimator's maps have another size, or are not finite, or body and subject
+            do not overlap.
+    """
+    near, far = body.cast(view.camera, "near"), body.cast(view.camera, "far")
+    if not (near.mask & view.mask).any():
+        raise MethodError(
+            f"the fitted body is not where view {view.index} shows the subject",
+            expected="an overlap of body and mask",
+            got="none",
+            hint="Look at the fitted body over the photo",
+        )
+    body_front = body.normals_at(near, view.camera)
+    body_back = body.normals_at(far, view.camera)
+    front, back = estimator(view.rgb, view.mask.astype(np.float64), body_front, body_back)
+    for name, normals in (("front", front), ("back", back)):
+        if normals.shape != (*view.mask.shape, 3) or not np.isfinite(normals).all():
+            raise MethodError(
+                f"the estimator's {name} normals of view {view.index} cannot be used",
+                expected=f"finite numbers of shape {(*view.mask.shape, 3)}",
+                got=f"shape {normals.shape}, finite {bool(np.isfinite(normals).all())}",
+            )
+    return ViewMaps(
+        view=view,
+        front=filled_normals(front, view.mask),
+        back=filled_normals(back, view.mask),
+        body_front=body_front,
+        body_back=body_back,
+        body_near_m=near.depth,
+        body_far_m=far.depth,
+    )
+
+
+def filled_normals(normals: Floats, mask: NDArray[np.bool_]) -> Floats:
+    """(H, W, 3) unit normals at every pixel of the mask (H, W), 0 outside.
+
+    A pixel of the mask without a normal, as beyond the body or on the last half pixel of the
+    outline, takes that of the nearest pixel that has one.
+
+    Raises:
+        MethodError: no pixel of the mask has a normal.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    length = np.linalg.norm(normals, axis=2)
+    known = mask & (length > 1e-6)
+    if not known.any():
+        raise MethodError("no pixel of the mask has a normal", got=f"{int(mask.sum())} pixels")
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    rows, columns = (axis[mask] for axis in nearest)  # type: ignore[union-attr]
+    filled = np.zeros_like(normals)
+    filled[mask] = normals[rows, columns] / length[rows, columns, None]
+    return filled

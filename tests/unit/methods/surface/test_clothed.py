@@ -1,0 +1,175 @@
+"""The whole way from photos to a mesh on a figure with a closed form, and what settings do."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.core.artifacts import Body, Capture, Reconstruction, image_name
+from harness.core.errors import HarnessError, MethodError
+from harness.core.mesh import Mesh
+from harness.core.mesh_files import load_mesh
+from harness.core.protocols import Context, MethodInfo
+from harness.core.rigs import RingRig
+from harness.geometry.images import load_rgb, save_png
+from harness.geometry.raycast import Raycaster
+from methods.econ import econ
+from methods.mexecon import mexecon2, mexecon8
+from methods.normals import SidedRaycaster
+from methods.surface import clothed
+from methods.surface.clothed import ClothedMethod
+from methods.surface.pinches import open_edges
+
+RADII, CENTRE, CLOTH_M = np.array([0.28, 0.8, 0.2]), np.array([0.04, 0.05, 0.03]), 0.015
+
+
+def figure(offset_m: float = 0.0) -> Mesh:
+    """An ellipsoid as high as a person, off the origin and not the same from any two sides."""
+    polar, around = np.linspace(0, np.pi, 91)[1:-1], np.arange(90) * 2 * np.pi / 90
+    v, u = np.meshgrid(polar, around, indexing="ij")
+    ring = np.stack([np.sin(v) * np.sin(u), np.cos(v), np.sin(v) * np.cos(u)], -1)
+    points = np.concatenate([ring.reshape(-1, 3), [[0, 1, 0], [0, -1, 0]]])
+    index = np.arange(89 * 90).reshape(89, 90)
+    right = np.roll(index, -1, axis=1)
+    a, b, c, d = (part.ravel() for part in (index[:-1], index[1:], right[1:], right[:-1]))
+    top, low = (np.full(90, len(points) - k) for k in (2, 1))
+    caps = [np.stack([top, index[0], right[0]], 1), np.stack([low, right[-1], index[-1]], 1)]
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1), *caps])
+    return Mesh(points * (RADII + offset_m) + CENTRE, faces)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Capture:
+    folder = tmp_path_factory.mktemp("capture")
+    cameras, caster = RingRig().cameras(270, 480), Raycaster(figure())
+    for view, camera in enumerate(cameras):
+        alpha = np.round(255 * caster.coverage(camera)).astype(np.uint8)
+        grey = np.full((*alpha.shape, 3), 180, np.uint8)
+        save_png(folder / image_name(view), np.dstack([grey, alpha]))
+    return Capture("toy", "egg", "tiny", "key", folder, cameras)
+
+
+class KnownBody:
+    """Stands where a fit would: the figure without its clothes."""
+
+    info = MethodInfo("known", "Known body", "1", privileges=("known_cameras",))
+
+    def __init__(self, settings: object = None) -> None:
+        self.settings = settings
+
+    def configured(self, _: object) -> KnownBody:
+        return self
+
+    def reconstruct(self, _: Capture, __: Context) -> Reconstruction:
+        mesh = figure(-CLOTH_M)
+        body = Body("egg", mesh.vertices, np.zeros((1, 3)), mesh.faces, {})
+        return Reconstruction(mesh=mesh, body=body)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """``small(method, normals)``: the method with the known body, in the small."""
+    vertices = figure().vertices
+    regions = {
+        "hands": vertices[:, 0] > CENTRE[0] + 0.27,
+        "face": np.zeros(len(vertices), bool),
+        "eyeballs": np.zeros(len(vertices), bool),
+    }
+    monkeypatch.setattr(clothed, "_regions", lambda _: regions)
+
+    def build(method: ClothedMethod, normals: str) -> ClothedMethod:
+        method = method.configured({"normals": normals, "resolution": "160", "poisson_depth": "7"})
+        names = (method.info.name, method.info.title)
+        return ClothedMethod(names, KnownBody(), method._plan, method.settings)
+
+    return build
+
+
+def context(folder: Path) -> Context:
+    truth = SidedRaycaster(figure())
+    return Context(
+        seed=0,
+        workdir=folder,
+        stage=lambda _: contextlib.nullcontext(),
+        privileged={"oracle_normals": lambda camera, side="near": truth.normals(camera, side)},
+    )
+
+
+def distances_mm(mesh: Mesh) -> np.ndarray:
+    """Distances of vertices to the figure's surface, to first order in the distance."""
+    scaled = (mesh.vertices - CENTRE) / RADII
+    level = (scaled**2).sum(1) - 1.0
+    return 1000 * np.abs(level) / np.linalg.norm(2 * scaled / RADII, axis=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [econ, mexecon2], ids=lambda m: m.info.name)
+def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_path):
+    method = small(method, "oracle")
+    result = method.reconstruct(capture, context(tmp_path))
+    assert open_edges(result.mesh) == 0
+    assert result.mesh.signed_volume == pytest.approx(4 / 3 * np.pi * RADII.prod(), rel=0.06)
+    assert distances_mm(result.mesh).mean() < 6.0
+    again = method.reconstruct(capture, context(tmp_path)).mesh
+    np.testing.assert_array_equal(again.vertices, result.mesh.vertices)
+    # What a person looks at afterwards.
+    assert load_rgb(tmp_path / "contact_sheet.png").std() > 10
+    assert {"front sheet", "back sheet"} <= set(result.details["part_faces"])  # type: ignore[arg-type]
+    for name in ("front_sheet", "back_sheet", "body"):
+        assert len(load_mesh(tmp_path / f"{name}.ply").faces) > 1000
+
+
+@pytest.mark.slow
+def test_the_back_of_mexecon_is_made_of_the_back_view(small, capture, tmp_path):
+    method = small(mexecon2, "oracle")
+    blind = context(tmp_path)
+    only_front = blind.privileged["oracle_normals"]
+
+    def flat_behind(camera, side="near"):
+        normals = only_front(camera, side)
+        if camera.position[2] < 0:  # the back view sees a wall that leans
+            there = np.abs(normals).sum(2) > 0
+            normals[there] = (0.0, 0.5**0.5, 0.5**0.5)
+        return normals
+
+    wrong = Context(0, tmp_path, blind.stage, {"oracle_normals": flat_behind})
+    method.reconstruct(capture, wrong)
+    front, back = (load_mesh(tmp_path / f"{side}_sheet.ply") for side in ("front", "back"))
+    assert distances_mm(front).mean() < 8.0
+    assert distances_mm(back).mean() > 20.0
+    assert front.vertices[:, 2].mean() > CENTRE[2] > back.vertices[:, 2].mean()
+
+
+def test_records_tell_what_the_settings_are():
+    oracle = mexecon8.configured({"normals": "oracle"})
+    assert "oracle_normals" in oracle.info.privileges
+    assert "oracle_normals" not in mexecon8.info.privileges
+    assert oracle.info.parameters["normals"] == "oracle"
+    estimators = [part.name for part in oracle.info.parts if part.role == "normal estimator"]
+    assert estimators == ["normals of the scan"]
+    assert (econ.info.views, mexecon2.info.views) == ((0,), (0, 4))
+    assert mexecon8.info.views == tuple(range(8))
+
+
+def test_settings_reach_the_fit_or_the_surface():
+    changed = econ.configured({"iterations": "7", "poisson_depth": "8"})
+    assert changed.info.parameters["iterations"] == 7
+    assert changed.info.parameters["poisson_depth"] == 8
+    for wrong, message in (
+        ({"colour": "red"}, "unknown setting 'colour'"),
+        ({"hands": "gloves"}, "body or sheets"),
+        ({"normals": "onnx"}, "do not go together"),
+        ({"poisson_depth": "30"}, "depth 4 to 12"),
+        ({"resolution": "1"}, "64 to 4096"),
+    ):
+        with pytest.raises(HarnessError, match=message):
+            econ.configured(wrong)
+
+
+def test_without_the_privilege_nothing_is_shown(small, capture, tmp_path):
+    bare = Context(0, tmp_path, lambda _: contextlib.nullcontext(), {})
+    with pytest.raises(MethodError, match="not handed in"):
+        small(econ, "oracle").reconstruct(capture, bare)
