@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
@@ -54,14 +56,21 @@ class FitSettings(Weights):
 PAPER = FitSettings(start="average")
 #: Better on clothed people: starts from all landmarks, clothes may stand off, a weak prior.
 DEFAULT = FitSettings(
-    start="landmarks", uncovered=0.2, landmark=0.3, prior=2e-4, iterations=100
+    start="landmarks",
+    uncovered=0.2,
+    landmark=0.3,
+    prior=2e-4,
+    iterations=100,
+    patience=15,
 )
 
 
 class BodyFit:
     """Fits a parametric body to some views of a capture."""
 
-    def __init__(self, name: str, title: str, views: tuple[int, ...], settings: FitSettings) -> None:
+    def __init__(
+        self, name: str, title: str, views: tuple[int, ...], settings: FitSettings
+    ) -> None:
         self.settings = settings
         self.info = _info(name, title, views, settings)
 
@@ -91,7 +100,9 @@ class BodyFit:
         from methods.body.views import load_views
 
         wanted = [view for view in self.info.views or () if view < len(capture.cameras)]
-        normals = context.privileged["oracle_normals"] if self.settings.normals == "oracle" else None
+        normals = (
+            context.privileged["oracle_normals"] if self.settings.normals == "oracle" else None
+        )
         with context.stage("landmarks"):
             views = load_views(capture, wanted, self.settings.subject_px, normals)
         with context.stage("body model"):
@@ -121,7 +132,9 @@ class BodyFit:
                     detections = detections.mirrored(swapped)
                     parameters = fit_jointly(sparse, views.views, detections, parameters)
             details["swapped_views"] = [
-                index for index, is_swapped in zip(views.indices, swapped, strict=True) if is_swapped
+                index
+                for index, is_swapped in zip(views.indices, swapped, strict=True)
+                if is_swapped
             ]
         if settings.stage == "landmarks":
             return parameters, details
@@ -182,15 +195,24 @@ def _reconstruction(
 ) -> Reconstruction:
     import torch
 
+    from methods.body.model import MAIN_JOINTS
+
     with torch.no_grad():
-        vertices, joints = body(parameters)
-    surface = vertices[0].double().numpy()
+        posed = body.posed(parameters)
+        points = body.landmark_points(posed)
+    surface = posed.vertices[0].double().numpy()
     fitted = Body(
         model=body.name,
         vertices=surface,
-        joints=joints[0].double().numpy(),
+        joints=posed.joints[0].double().numpy(),
         faces=body.faces,
-        parameters=body.export(parameters),
+        parameters={
+            **body.export(parameters),
+            "joint_names": np.array(body.joint_names),
+            "main_joints": np.array([body.roles[role] for role in MAIN_JOINTS]),
+            "landmark_index": body.landmarks.landmarks,
+            "landmark_points": points[0].double().numpy(),
+        },
     )
     mesh = Mesh(vertices=surface, faces=body.faces, source="fitted body")
     return Reconstruction(mesh=mesh, body=fitted, details=details)

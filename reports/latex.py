@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 import unicodedata
 
+from harness.core.units import Unit
 from reports.layout import Markup, body_lines, footnotes, header_line, published_lines
 from reports.tables import Column, Table
 
@@ -112,7 +113,7 @@ def _escape_character(character: str) -> str:
 
 def _unit(column: Column) -> str:
     arrow = r" $\downarrow$" if column.ranked else ""
-    return f"({escape(column.unit)}){arrow}"
+    return f"({escape(column.unit)}){arrow}" if column.unit != Unit.none.value else arrow.strip()
 
 
 def _stacked(number: str, low: str, high: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from harness.core.units import Unit
 from reports.layout import Markup, body_lines, footnotes, header_line, published_lines
 from reports.tables import Column, Table
 
@@ -32,7 +33,8 @@ def _escape(text: str) -> str:
 
 
 def _heading(column: Column) -> str:
-    return f"{_escape(column.title)} ({_escape(column.unit)}){' ↓' if column.ranked else ''}"
+    unit = "" if column.unit == Unit.none.value else f" ({_escape(column.unit)})"
+    return f"{_escape(column.title)}{unit}{' ↓' if column.ranked else ''}"
 
 
 _MARKDOWN = Markup(

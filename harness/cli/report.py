@@ -18,7 +18,7 @@ __all__ = ["report"]
 
 
 def report(
-    table: Annotated[str, typer.Option("--table", help="geometry or cost.")] = "geometry",
+    table: Annotated[str, typer.Option("--table", help="geometry, cost or jmbo.")] = "geometry",
     form: Annotated[
         str, typer.Option("--format", help="markdown, latex, csv or json.")
     ] = "markdown",

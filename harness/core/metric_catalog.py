@@ -12,7 +12,7 @@ __all__ = ["METRICS", "MetricDescription"]
 
 @dataclass(frozen=True, slots=True)
 class MetricDescription:
-    """A metric as tables name it; lower is better for every one.
+    """A metric as tables name it; lower is better, except for an intersection over union.
 
     Attributes:
         id: As in records and files.
@@ -34,7 +34,10 @@ class MetricDescription:
 
 
 _MM, _DEG = Unit.millimetre.value, Unit.degree.value
+_NONE, _RATIO = Unit.none.value, Unit.ratio.value
 _PAPER = "MExECON, section Metrics"
+_PAPER_JMBO = "MExECON, section Joint Multi-view Body Optimization"
+_OURS = "metrics/body.py"
 
 _DESCRIPTIONS = (
     MetricDescription(
@@ -55,6 +58,38 @@ _DESCRIPTIONS = (
         "normal_error", "Normal", "Normal", _DEG, 2, _PAPER,
         "Mean angle between the oriented smooth normals of points sampled on the prediction and of "
         "their closest points on the truth.",
+    ),
+    MetricDescription(
+        "silhouette_loss", "Silhouette loss", "Silhouette loss", _NONE, 4, _PAPER_JMBO,
+        "Area where the silhouettes of the fitted body and of the scan differ, as a share of the "
+        "square frame around the subject; mean over the views.",
+    ),
+    MetricDescription(
+        "landmark_loss", "Landmark loss", "Landmark loss", _NONE, 4, _PAPER_JMBO,
+        "Confidence-weighted mean distance between the body's landmarks and those detected in the "
+        "photo, in half sides of the frame; mean over the views.",
+    ),
+    MetricDescription(
+        "normal_loss", "Normal loss", "Normal loss", _NONE, 4, _PAPER_JMBO,
+        "Mean absolute difference of the normals of the fitted body and of the scan where both "
+        "are seen, over the frame; mean over the views.",
+    ),
+    MetricDescription(
+        "total_loss", "Total loss", "Total loss", _NONE, 4, _PAPER_JMBO,
+        "Silhouette loss + 0.2 normal loss + 0.1 landmark loss.",
+    ),
+    MetricDescription(
+        "joint_error", "Joint error", "Joint error", _MM, 1, _OURS,
+        "Mean distance of 12 main joints of the fitted body from the true body's, not aligned.",
+    ),
+    MetricDescription(
+        "vertex_error", "Vertex error", "Vertex error", _MM, 1, _OURS,
+        "Mean distance of the fitted body's vertices from the true body's, not aligned.",
+    ),
+    MetricDescription(
+        "silhouette_iou", "Silhouette IoU", "Silhouette IoU", _RATIO, 3, _OURS,
+        "Intersection over union of the silhouettes of the fitted body and of the scan, mean over "
+        "the views; more is better. A clothed scan's silhouette is larger than its true body's.",
     ),
 )  # fmt: skip
 

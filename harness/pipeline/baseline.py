@@ -51,6 +51,8 @@ class Tolerance:
 _DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
     "mm": Tolerance(absolute=0.05, relative=0.005, unit="mm"),
     "deg": Tolerance(absolute=0.05, relative=0.005, unit="deg"),
+    "1": Tolerance(absolute=0.0005, relative=0.01, unit="1"),
+    "ratio": Tolerance(absolute=0.002, relative=0.0, unit="ratio"),
 }
 
 

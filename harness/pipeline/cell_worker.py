@@ -6,6 +6,7 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, Method
 from harness.core.workers import Progress, worker_main
+from harness.pipeline.body_scoring import TrueBody, body_metrics
 from harness.pipeline.cost import StageMeter
 from harness.pipeline.oracle_normals import OracleNormals
 from harness.pipeline.plan import resolve_method
@@ -32,7 +34,7 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
     method = resolve_method(str(job["method"]), dict(job["settings"]))  # type: ignore[call-overload]
     protocol = source.manifest.protocol(str(job["protocol"]))
     capture = Capture.load(source.capture_directory(subject))
-    _, truth = source.load(subject)
+    scan, truth = source.load(subject)
     cell = Path(str(job["cell"]))
     meter = StageMeter()
     with _workdir(cell, keep=bool(job["keep"])) as workdir:
@@ -44,9 +46,12 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
         )
         result = method.reconstruct(capture, context)
     save_mesh(cell / "mesh.ply", result.mesh)
+    scored = _scored(result, truth, protocol, meter)
     if result.body:
         _save_body(cell / "body.npz", result.body)
-    return _scored(result, truth, protocol, meter)
+        found = body_metrics(result.body, capture, truth, TrueBody.of(scan))
+        scored["metrics"] |= {name: value.to_dict() for name, value in found.items()}
+    return scored
 
 
 @contextlib.contextmanager
@@ -73,7 +78,7 @@ def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, obje
 
 def _scored(
     result: Reconstruction, truth: Mesh, protocol: object, meter: StageMeter
-) -> dict[str, object]:
+) -> dict[str, Any]:
     from metrics.score import score
 
     if not isinstance(result.mesh, Mesh):

@@ -13,6 +13,7 @@ from harness.core.records import Record
 from reports.cost import cost_table
 from reports.formats import to_csv, to_json
 from reports.geometry import geometry_table
+from reports.jmbo import jmbo_table
 from reports.latex import to_latex
 from reports.markdown import to_markdown
 from reports.tables import Table
@@ -22,7 +23,11 @@ __all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "write_tables"]
 T = TypeVar("T")
 
 #: Tables by name.
-TABLES: Mapping[str, Callable[..., Table]] = {"geometry": geometry_table, "cost": cost_table}
+TABLES: Mapping[str, Callable[..., Table]] = {
+    "geometry": geometry_table,
+    "cost": cost_table,
+    "jmbo": jmbo_table,
+}
 #: Writer and file name extension by format.
 FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {
     "latex": (to_latex, "tex"),

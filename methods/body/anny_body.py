@@ -49,7 +49,7 @@ _ROLES = {
 }
 #: A phenotype value is the logistic function of this times the fit's own number, so that a step of
 #: that number changes the surface about as much as the same step of an angle does.
-_LOGITS = 4.0
+_LOGITS = 10.0
 #: Phenotype values of grown people: mean, deviation.
 _PHENOTYPE_PRIOR = {"age": (0.7, 0.10), "height": (0.38, 0.12)}
 _OTHER_PRIOR = (0.5, 0.2)
@@ -124,9 +124,7 @@ class AnnyBody:
 
         self._model = _model()
         self.part = body_part(self.name)
-        self.faces: NDArray[np.int32] = (
-            self._model.get_triangular_faces().numpy().astype(np.int32)
-        )
+        self.faces: NDArray[np.int32] = self._model.get_triangular_faces().numpy().astype(np.int32)
         self.joint_names = tuple(self._model.bone_labels)
         self.roles = {"head": self.joint_names.index("head")} | {
             f"{side}_{role}": self.joint_names.index(f"{bone}.{side[0].upper()}")

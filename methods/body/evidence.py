@@ -60,7 +60,7 @@ class Evidence:
         return _length(seen - self.pixels)
 
     def space_error(self, points: Tensor) -> Tensor:
-        """(N, K) metres between bodies' landmarks (N, K, 3) and the detector's own, hips on hips."""
+        """(N, K) metres between landmarks (N, K, 3) and the detector's own, hips on hips."""
         import torch
 
         turned = torch.stack([p.turn(one) for p, one in zip(self.projectors, points, strict=True)])

@@ -17,11 +17,11 @@ import numpy as np
 
 from methods.body.evidence import Evidence
 from methods.body.model import Parameters, ParametricBody, Posed
-from methods.body.normal_maps import NormalTarget, normal_cost
+from methods.body.normal_maps import NormalTarget, Skin, normal_cost
 from methods.body.prior import BodyPrior
 from methods.body.projection import Projector
 from methods.body.silhouette import SilhouetteTarget, silhouette_cost
-from methods.body.surface import BodySurface, Topology
+from methods.body.surface import BodySurface, Topology, vertex_normals
 from methods.body.views import Views
 
 if TYPE_CHECKING:
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Fit", "Weights", "head_cost", "optimise"]
 
-_PATIENCE, _FACTOR, _LEAST_RATE = 5, 0.5, 1e-5
-#: A fit whose step the plateau schedule has brought below this share of the first has converged.
-_CONVERGED_SHARE = 0.05
+_FACTOR, _LEAST_RATE = 0.5, 1e-5
+#: Converged: the mean cost of this many iterations is less than this share below that of the same
+#: number before. Not asked earlier than after three times as many.
+_WINDOW, _IMPROVEMENT = 10, 2e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class Weights:
         prior: Of the pose and shape prior; the paper has none.
         iterations: At most.
         rate: Adam's first step.
+        patience: Iterations without progress after which the step is halved.
         batch: Views per iteration; 0 takes all.
     """
 
@@ -56,6 +58,7 @@ class Weights:
     prior: float = 0.0
     iterations: int = 35
     rate: float = 1e-2
+    patience: int = 5
     batch: int = 0
 
 
@@ -90,7 +93,7 @@ def optimise(
     parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
     optimiser = torch.optim.Adam(list(parameters.values()), lr=weights.rate, amsgrad=True)
     schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
-        optimiser, factor=_FACTOR, patience=_PATIENCE, min_lr=_LEAST_RATE
+        optimiser, factor=_FACTOR, patience=weights.patience, min_lr=_LEAST_RATE
     )
     turns = _batches(len(views.views), weights, seed)
     costs: list[float] = []
@@ -107,7 +110,7 @@ def optimise(
         terms.append(found)
         optimiser.step()
         schedule.step(cost)
-        if schedule.get_last_lr()[0] < _CONVERGED_SHARE * weights.rate:
+        if not weights.batch and _converged(costs):
             ended = "converged"
             break
     last = int(np.argmin(costs)) if not weights.batch else -1
@@ -125,6 +128,13 @@ def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:
         order += generator.permutation(count).tolist()
     starts = range(0, weights.iterations * weights.batch, weights.batch)
     return [order[start : start + weights.batch] for start in starts]
+
+
+def _converged(costs: Sequence[float]) -> bool:
+    if len(costs) < 3 * _WINDOW:
+        return False
+    before, after = np.mean(costs[-2 * _WINDOW : -_WINDOW]), np.mean(costs[-_WINDOW:])
+    return bool(0 <= before - after < _IMPROVEMENT * before)
 
 
 def head_cost(body: ParametricBody, posed: Posed) -> Tensor:
@@ -156,23 +166,20 @@ class _Problem:
             for view in views.views
         ]
 
-    def step(
-        self, parameters: Parameters, chosen: Sequence[int]
-    ) -> tuple[float, dict[str, float]]:
+    def step(self, parameters: Parameters, chosen: Sequence[int]) -> tuple[float, dict[str, float]]:
         """The cost, with its gradient added to the parameters', and the terms' means over views."""
         import torch
 
         posed = self.body.posed(parameters)
-        points = self.body.landmark_points(posed)
-        vertices_leaf = posed.vertices[0].detach().requires_grad_()
-        points_leaf = points[0].detach().requires_grad_()
-        surface = BodySurface(
-            vertices_leaf.detach().cpu().double().numpy(), self.topology
-        )
+        vertices, points = posed.vertices[0], self.body.landmark_points(posed)[0]
+        normals = vertex_normals(vertices, self.topology.faces_tensor)
+        # Views are looked at one by one from these, so that only one view's graph is held.
+        leaves = [made.detach().requires_grad_() for made in (vertices, points, normals)]
+        surface = BodySurface(vertices.detach().cpu().double().numpy(), self.topology)
         total, sums = 0.0, dict.fromkeys(("silhouette", "normal", "landmark"), 0.0)
         share = len(self.silhouettes) / len(chosen)
         for view in chosen:
-            terms = self._terms(view, vertices_leaf, points_leaf, surface)
+            terms = self._terms(view, leaves, surface)
             cost = share * sum(getattr(self.weights, name) * term for name, term in terms.items())
             if isinstance(cost, torch.Tensor):
                 cost.backward()
@@ -181,26 +188,27 @@ class _Problem:
                 sums[name] += term.item() / len(chosen)
         head = head_cost(self.body, posed)
         rest = self.weights.head * head + self.weights.prior * self.prior(parameters).sum()
-        through = _gradient_of(vertices_leaf) * posed.vertices[0]
-        along = _gradient_of(points_leaf) * points[0]
-        (through.sum() + along.sum() + rest).backward()
-        return total + rest.item(), {**sums, "head": head.item()}
+        total += rest.item()
+        for made, leaf in zip((vertices, points, normals), leaves, strict=True):
+            if leaf.grad is not None:
+                rest = rest + (leaf.grad * made).sum()
+        rest.backward()
+        return total, {**sums, "head": head.item()}
 
     def _terms(
-        self, view: int, vertices: Tensor, points: Tensor, surface: BodySurface
+        self, view: int, leaves: Sequence[Tensor], surface: BodySurface
     ) -> dict[str, Tensor]:
-        terms = {}
+        vertices, points, normals = leaves
+        terms, hits = {}, None
+        wanted = self.normals[view] if self.weights.normal else None
+        if wanted is not None:
+            hits = surface.caster.cast(wanted.projector.camera)
+            skin = Skin(vertices, normals, self.topology.faces_tensor)
+            terms["normal"] = normal_cost(skin, hits, wanted)
         if self.weights.silhouette:
-            terms["silhouette"] = silhouette_cost(vertices, surface, self.silhouettes[view])
+            mask = None if hits is None else hits.mask
+            target = self.silhouettes[view]
+            terms["silhouette"] = silhouette_cost(vertices, surface, target, mask)
         if self.weights.landmark:
             terms["landmark"] = self.evidence.loss(points, view)
-        normals = self.normals[view]
-        if self.weights.normal and normals is not None:
-            terms["normal"] = normal_cost(vertices, surface, normals)
         return terms
-
-
-def _gradient_of(leaf: Tensor) -> Tensor:
-    import torch
-
-    return torch.zeros_like(leaf) if leaf.grad is None else leaf.grad.detach()

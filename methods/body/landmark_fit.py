@@ -88,7 +88,7 @@ def average(parameters: Parameters) -> dict[str, Tensor]:
 def fit_jointly(
     body: ParametricBody, views: tuple[View, ...], detections: Detections, start: Parameters
 ) -> dict[str, Tensor]:
-    """Parameters of one body fitted to the 2-D landmarks of all views; a few wrong ones do little."""
+    """One body fitted to the 2-D landmarks of all views; a few wrong ones do little."""
     evidence = Evidence(views, detections, body.landmarks)
     prior = BodyPrior(body)
 
@@ -144,5 +144,3 @@ def _descend(
         optimiser.step()
         schedule.step()
     return {name: value.detach() for name, value in parameters.items()}
-
-

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BodyPrior"]
 
-#: Standard deviation of a limb's rotation, radians; other joints divide it by their stiffness' root.
+#: Standard deviation of a limb's rotation, radians; divided by the root of a joint's stiffness.
 _DEVIATION_RAD = 0.8
 #: Standard deviation of bending against a hinge, radians.
 _HINGE_DEVIATION_RAD = 0.1

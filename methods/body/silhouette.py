@@ -54,18 +54,24 @@ class SilhouetteTarget:
         return float(beyond + self.uncovered * missing) / self.area_px
 
 
-def silhouette_cost(vertices: Tensor, surface: BodySurface, target: SilhouetteTarget) -> Tensor:
+def silhouette_cost(
+    vertices: Tensor,
+    surface: BodySurface,
+    target: SilhouetteTarget,
+    mask: NDArray[np.bool_] | None = None,
+) -> Tensor:
     """The target's cost of a body, differentiable in its vertices (V, 3), world metres.
 
     Args:
         vertices: With gradient; the same numbers that ``surface`` was made of.
         surface: Answers the rays.
         target: The view and its coverage.
+        mask: (H, W) of the body in that view, where it is known already.
     """
     import torch
 
     camera = target.projector.camera
-    value = target.value(surface.caster.mask(camera))
+    value = target.value(surface.caster.mask(camera) if mask is None else mask)
     edges, faces = surface.contour(camera.position)
     ends = surface.topology.edges[edges]
     start, stop, third = _projected(surface, ends, faces, target.projector)

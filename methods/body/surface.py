@@ -33,7 +33,9 @@ class Topology:
 
         self.faces = np.asarray(faces, dtype=np.int64)
         self.faces_tensor = torch.from_numpy(self.faces)
-        corners = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
+        corners = np.concatenate(
+            [self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]]
+        )
         owner = np.tile(np.arange(len(self.faces)), 3)
         ordered = np.sort(corners, axis=1)
         order = np.lexsort((ordered[:, 1], ordered[:, 0]))
@@ -56,8 +58,8 @@ class BodySurface:
         self.topology = topology
         self.caster = Raycaster(Mesh(vertices=vertices, faces=topology.faces, source="body"))
         corners = vertices[topology.faces]
-        self._corner = corners[:, 0]
         self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self._heights = np.einsum("fk,fk->f", self._normals, corners[:, 0])
 
     def contour(self, position: Floats) -> tuple[Ints, Ints]:
         """Edges where the surface turns away from a camera at ``position`` (3,), world metres.
@@ -65,7 +67,7 @@ class BodySurface:
         Returns:
             (C,) indices of edges and (C,) for each the face that is seen.
         """
-        toward = ((position - self._corner) * self._normals).sum(axis=1) > 0
+        toward = self._normals @ position > self._heights
         first, second = self.topology.sides.T
         first_seen = toward[first]
         second_seen = np.where(second >= 0, toward[second], ~first_seen)

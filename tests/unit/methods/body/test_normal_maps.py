@@ -7,9 +7,18 @@ import pytest
 import torch
 
 from harness.geometry.surface import vertex_normals as reference_normals
-from methods.body.normal_maps import NormalTarget, normal_cost, seen_normals
+from methods.body.normal_maps import NormalTarget, Skin, normal_cost, seen_normals
 from methods.body.projection import Projector
 from methods.body.surface import BodySurface, Topology, vertex_normals
+
+
+def skin_of(vertices, faces):
+    index = torch.tensor(faces)
+    return Skin(vertices, vertex_normals(vertices, index), index)
+
+
+def hits_of(vertices, faces, camera):
+    return BodySurface(vertices, Topology(faces)).caster.cast(camera)
 
 
 def pixels_of(hits):
@@ -30,7 +39,7 @@ def test_normals_at_pixels_equal_the_ray_caster(ball, camera):
     surface = BodySurface(vertices, Topology(faces))
     hits = surface.caster.cast(camera)
     face, pixels, where = pixels_of(hits)
-    seen = seen_normals(torch.tensor(vertices), surface, face, pixels, Projector(camera))
+    seen = seen_normals(skin_of(torch.tensor(vertices), faces), face, pixels, Projector(camera))
     wanted = surface.caster.normals(camera, "camera")[where]
     np.testing.assert_allclose(seen.numpy(), wanted, atol=1e-4)
     assert wanted[:, 2].max() > 0.9
@@ -46,7 +55,9 @@ def test_gradient_is_that_of_the_picture(ball, camera, direction):
 
     def value(amount):
         moved = leaf + amount * torch.tensor(direction, dtype=torch.float64)
-        return (weights * seen_normals(moved, surface, face, pixels, Projector(camera))).sum()
+        return (
+            weights * seen_normals(skin_of(moved, faces), face, pixels, Projector(camera))
+        ).sum()
 
     leaf = torch.tensor(vertices)
     amount = torch.zeros((), dtype=torch.float64, requires_grad=True)
@@ -62,11 +73,13 @@ def test_cost_falls_towards_the_true_place(ball, camera):
     target = NormalTarget(Projector(camera), truth, 100.0**2, most_pixels=5000)
     moved = vertices + np.array([0.05, 0.0, 0.0])
     leaf = torch.tensor(moved, dtype=torch.float32, requires_grad=True)
-    cost = normal_cost(leaf, BodySurface(moved, Topology(faces)), target)
+    cost = normal_cost(skin_of(leaf, faces), hits_of(moved, faces, camera), target)
     cost.backward()
     assert cost.item() > 0
     assert leaf.grad[:, 0].sum() > 0
-    same = normal_cost(torch.tensor(vertices), BodySurface(vertices, Topology(faces)), target)
+    same = normal_cost(
+        skin_of(torch.tensor(vertices), faces), hits_of(vertices, faces, camera), target
+    )
     assert same.item() < 1e-3 * cost.item() + 1e-6
 
 
@@ -74,7 +87,7 @@ def test_no_overlap_costs_nothing_and_does_not_fail(ball, camera):
     vertices, faces = ball
     target = NormalTarget(Projector(camera), np.zeros((240, 240, 3)), 1.0)
     leaf = torch.tensor(vertices, requires_grad=True)
-    cost = normal_cost(leaf, BodySurface(vertices, Topology(faces)), target)
+    cost = normal_cost(skin_of(leaf, faces), hits_of(vertices, faces, camera), target)
     cost.backward()
     assert cost.item() == 0
     assert leaf.grad.abs().max() == 0
