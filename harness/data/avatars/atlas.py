@@ -26,6 +26,7 @@ _LEAST_COSINE = 0.12
 _PADDING = 2
 _FILL = 0.52
 _SHRINK = 0.965
+_CUTS = 8
 
 
 @dataclass(frozen=True)
@@ -80,14 +81,19 @@ def _flatten(points: Floats, direction: Ints) -> Floats:
     )
 
 
-def _outline(columns: Ints, rows: Ints, width: int) -> tuple[Ints, Ints]:
-    """Lowest and highest texel (width,) of a chart in each of its columns."""
+def _outline(boxes: Ints, width: int) -> tuple[Ints, Ints]:
+    """Lowest and highest texel (width,) in each column of a chart of face boxes (F,2,2).
+
+    boxes: low and high corner (column, row) of each face; a face counts in all columns it spans.
+    """
+    low_corner, high_corner = boxes[:, 0], boxes[:, 1]
+    first = np.maximum(low_corner[:, 0] - _PADDING, 0)
+    span = np.minimum(high_corner[:, 0] + _PADDING, width - 1) - first + 1
+    column = np.repeat(first - (np.cumsum(span) - span), span) + np.arange(int(span.sum()))
     low = np.full(width, 1 << 30)
     high = np.full(width, -(1 << 30))
-    np.minimum.at(low, columns, rows)
-    np.maximum.at(high, columns, rows)
-    empty = high < low
-    low[empty], high[empty] = low[~empty].min(), high[~empty].max()
+    np.minimum.at(low, column, np.repeat(low_corner[:, 1], span))
+    np.maximum.at(high, column, np.repeat(high_corner[:, 1], span))
     return low, high
 
 
@@ -114,13 +120,14 @@ def _pack(points: Floats, chart: Ints, size: int, texel: float) -> Floats | None
     np.maximum.at(top, chart, corners.max(1))
     sky = np.zeros(size, np.int64)
     shift = np.zeros((count, 2))
+    boxes = np.stack([corners.min(1), corners.max(1)], axis=1) - origin[chart][:, None]
+    boxes[..., 0] += _PADDING
     for k in np.lexsort((np.arange(count), -(top - origin)[:, 1])):
-        local = corners[order[starts[k] : starts[k + 1]]] - origin[k]
-        width = int(local[..., 0].max()) + 2 * _PADDING + 1
+        own = boxes[order[starts[k] : starts[k + 1]]]
+        width = int(own[..., 0].max()) + _PADDING + 1
         if width > size:
             return None
-        spans = [local[..., 0].ravel() + _PADDING + d for d in (-_PADDING, 0, _PADDING)]
-        low, high = _outline(np.concatenate(spans), np.tile(local[..., 1].ravel(), 3), width)
+        low, high = _outline(own, width)
         column, base = _place(sky, low - _PADDING)
         sky[column : column + width] = base + high + _PADDING + 1
         if sky.max() > size:
@@ -186,8 +193,8 @@ def unwrap(vertices: Floats, faces: Ints, size: int) -> Atlas:
     layer = np.zeros(len(faces), np.int64)
     covered = np.zeros(0, np.int64)
     texel = np.sqrt(_signed_area(flat).clip(0).sum() / (_FILL * size**2))
-    for _ in range(6):
-        chart = connected(direction * 16 + layer, across)
+    for cut in range(_CUTS):
+        chart = connected(direction + len(_DIRECTIONS) * layer, across)
         while (shift := _pack(flat, chart, size, texel)) is None:
             texel /= _SHRINK
         placed = flat / texel + shift[chart][:, None]
@@ -195,9 +202,12 @@ def unwrap(vertices: Floats, faces: Ints, size: int) -> Atlas:
         covered = _covered(texels, depth, size)
         if len(covered) == 0:
             return _weld(placed / size, faces, chart, texels)
-        layer[covered] += 1
+        if cut < _CUTS // 2:
+            layer[covered] += 1
+        else:  # faces that go on covering each other become charts of one face, which cannot
+            layer[covered] = layer.max() + 1 + np.arange(len(covered))
     raise DataError(
-        "charts still cover themselves after six cuts",
+        f"charts still cover themselves after {_CUTS} cuts",
         expected="no overlap",
         got=f"{len(covered)} faces",
     )

@@ -167,6 +167,20 @@ def test_charts_neither_fold_nor_overlap(shape):
     assert len(texel) > 0.25 * size**2
 
 
+def test_faces_wider_than_the_padding_keep_their_charts_apart():
+    import open3d as o3d
+
+    vertices, faces = torus()
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(faces.astype(np.int32))
+    ).simplify_quadric_decimation(300)
+    coarse, large = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+    atlas = unwrap(coarse, large if volume(coarse, large) > 0 else large[:, ::-1], 512)
+    inner = atlas.texels.weights.min(1) > 1e-6
+    texel = atlas.texels.row[inner] * 512 + atlas.texels.column[inner]
+    assert len(np.unique(texel)) == len(texel)
+
+
 def test_rasterizing_agrees_with_testing_every_texel():
     corners = np.random.default_rng(3).uniform(1, 19, (12, 3, 2))
     edge, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
