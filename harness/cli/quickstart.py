@@ -14,7 +14,7 @@ __all__ = ["quickstart"]
 def quickstart(
     workspace: WorkspacePath = None, manifest: ManifestPath = None, as_json: Json = False
 ) -> None:
-    """Two avatars, eight photos each, all available methods, the tables. Some minutes."""
+    """Two avatars, eight photos each, the visual hull, the tables. Some minutes."""
     from harness.cli.display import Bars
     from harness.data.manifest import load_manifest
     from harness.pipeline.quickstart import quickstart as carry_out
@@ -33,5 +33,7 @@ def quickstart(
         print("Written:")
         for path in result.files:
             print(f"  {path}")
+        if result.more:
+            print(f"The other methods, on the same subjects:\n  {result.more}")
     if result.summary.counts.get("ok", 0) < len(result.summary.records):
         raise typer.Exit(1)
