@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.data.avatars.atlas import rasterize, unwrap
+from harness.data.avatars.atlas import _pack, rasterize, unwrap
 from harness.data.avatars.faces import connected, neighbours, without_islands
 from harness.data.avatars.nearness import Nearness, keep_off
 from harness.data.avatars.quads import (
@@ -167,18 +167,26 @@ def test_charts_neither_fold_nor_overlap(shape):
     assert len(texel) > 0.25 * size**2
 
 
-def test_faces_wider_than_the_padding_keep_their_charts_apart():
-    import open3d as o3d
-
-    vertices, faces = torus()
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(faces.astype(np.int32))
-    ).simplify_quadric_decimation(300)
-    coarse, large = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
-    atlas = unwrap(coarse, large if volume(coarse, large) > 0 else large[:, ::-1], 512)
-    inner = atlas.texels.weights.min(1) > 1e-6
-    texel = atlas.texels.row[inner] * 512 + atlas.texels.column[inner]
-    assert len(np.unique(texel)) == len(texel)
+def test_a_chart_is_not_packed_into_the_middle_of_a_wide_face():
+    # Columns 49 to 51 hold vertices of the small face alone, but the wide face lies over them.
+    wide = [[0.2, 0.2], [100.2, 0.2], [80.2, 40.2]]
+    small = [[[x, 0.2], [x + 0.9, 0.2], [x, -3.5]] for x in (46.2, 48.2, 50.2, 52.2, 54.2)]
+    needle = [[0.2, 0.2], [0.9, 0.2], [0.2, 30.2]]
+    points = np.array([wide, *small, needle])
+    chart = np.array([0] * 6 + [1])
+    shift = _pack(points, chart, 106, 1.0)
+    assert shift is not None
+    texels = rasterize(points + shift[chart][:, None], 106)
+    places = [
+        {
+            (c, r)
+            for f, c, r in zip(texels.face, texels.column, texels.row, strict=True)
+            if chart[f] == k
+        }
+        for k in (0, 1)
+    ]
+    assert all(places)
+    assert not places[0] & places[1]
 
 
 def test_rasterizing_agrees_with_testing_every_texel():
