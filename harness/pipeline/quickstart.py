@@ -67,11 +67,8 @@ def quickstart(manifest: Manifest, workspace: Workspace, progress: Progress) -> 
     tables = tuple(
         build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
     )
-    more = (
-        f"harness eval --method {','.join(slower)} --dataset {_SPLIT} --recipe {_RECIPE} --run {_RUN}"
-        if slower
-        else ""
-    )
+    where = f"--dataset {_SPLIT} --recipe {_RECIPE} --run {_RUN}"
+    more = f"harness eval --method {','.join(slower)} {where}" if slower else ""
     return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn), more)
 
 
