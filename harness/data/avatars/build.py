@@ -31,7 +31,7 @@ from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
 
-AVATARS_VERSION = 7
+AVATARS_VERSION = 8
 """Changes whenever any output does."""
 
 _INNER_GAP_M = 0.0025

@@ -15,6 +15,8 @@ from harness.data.avatars.wardrobe import Fabric
 __all__ = ["band", "cloth_colour", "mix"]
 
 _HEM_M = 0.02
+_FRONT_M = 0.10
+"""How far before the spine the front of the chest begins."""
 _TRUNK_RADIUS_M = 0.15
 _LIMB_RADIUS_M = {"arm": 0.06, "leg": 0.09}
 _LIMBS = {"arm": ("upperarm01", "wrist"), "leg": ("upperleg01", "foot")}
@@ -104,7 +106,7 @@ def _print(cloth: _Cloth, size: float) -> Floats:
     x, y, z = cloth.from_chest.T / [[size], [size], [1.0]]
     ring = band(np.hypot(x, y) - 0.075, 0.014, 0.004)
     wave = band(y - 0.025 * np.sin(x * 30), 0.018, 0.004) * (np.abs(x) < 0.12)
-    return (z > 0) * np.maximum(ring, wave)
+    return (z > _FRONT_M) * np.maximum(ring, wave)
 
 
 _PATTERNS = {
