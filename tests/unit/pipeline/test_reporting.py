@@ -17,7 +17,8 @@ OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
 @pytest.mark.parametrize("form", FORMATS)
 def test_every_table_has_every_format(table, form):
     text = build_table(RECORDS, ReportRequest(table=table, format=form))
-    assert "Visual hull" in text
+    # The body table has no row for methods that fit no body.
+    assert ("VGGT" if table == "jmbo" else "Visual hull") in text
     assert text.endswith("\n")
 
 
