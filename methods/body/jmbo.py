@@ -20,7 +20,7 @@ from methods.body.model import Parameters, ParametricBody, Posed
 from methods.body.normal_maps import NormalTarget, Skin, normal_cost
 from methods.body.prior import BodyPrior
 from methods.body.projection import Projector
-from methods.body.silhouette import SilhouetteTarget, silhouette_cost
+from methods.body.silhouette import SilhouetteTarget, clothed, silhouette_cost
 from methods.body.surface import BodySurface, Topology, vertex_normals
 from methods.body.views import Views
 
@@ -43,6 +43,8 @@ class Weights:
         silhouette, normal, landmark, head: Of the terms; 0 turns one off.
         uncovered: Weight, within the silhouette term, of subject that the body does not cover: 1
             is the paper's L1; less lets clothes stand off the body.
+        standoff_m: Width of the subject's rim that costs nothing when uncovered, metres; 0 in the
+            paper's L1.
         prior: Of the pose and shape prior; the paper has none.
         iterations: At most.
         rate: Adam's first step.
@@ -55,6 +57,7 @@ class Weights:
     landmark: float = 0.1
     head: float = 0.1
     uncovered: float = 1.0
+    standoff_m: float = 0.0
     prior: float = 0.0
     iterations: int = 35
     rate: float = 1e-2
@@ -155,9 +158,12 @@ class _Problem:
         self.evidence = Evidence(views.views, views.detections, body.landmarks)
         self.silhouettes = [
             SilhouetteTarget(
-                Projector(view.camera), view.coverage, view.side_px**2, weights.uncovered
+                Projector(view.camera),
+                view.coverage,
+                view.side_px**2,
+                clothed(view.coverage, weights.uncovered, weights.standoff_m / metres),
             )
-            for view in views.views
+            for view, metres in zip(views.views, self.evidence.metres_per_px.tolist(), strict=True)
         ]
         self.normals = [
             None

@@ -22,7 +22,7 @@ from methods.body.surface import BodySurface
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["SilhouetteTarget", "silhouette_cost"]
+__all__ = ["SilhouetteTarget", "clothed", "silhouette_cost"]
 
 Floats = NDArray[np.float64]
 
@@ -38,20 +38,37 @@ class SilhouetteTarget:
         projector: The view.
         coverage: (H, W) of the subject, from 0 to 1.
         area_px: What the cost is divided by: square of the subject's frame, pixels.
-        uncovered: Weight of the subject that the body does not cover; 1 is the paper's L1, less
-            lets clothes stand off the body.
+        missing: (H, W) cost of a pixel that the body does not cover: the coverage itself for the
+            paper's L1, less where clothes may stand off the body.
     """
 
     projector: Projector
     coverage: Floats
     area_px: float
-    uncovered: float = 1.0
+    missing: Floats
 
     def value(self, mask: NDArray[np.bool_]) -> float:
         """The cost of a body's mask (H, W)."""
         beyond = (1.0 - self.coverage)[mask].sum()
-        missing = self.coverage[~mask].sum()
-        return float(beyond + self.uncovered * missing) / self.area_px
+        return float(beyond + self.missing[~mask].sum()) / self.area_px
+
+
+def clothed(coverage: Floats, weight: float, standoff_px: float) -> Floats:
+    """(H, W) cost of what a body leaves uncovered of a clothed subject's coverage.
+
+    Args:
+        coverage: (H, W) from 0 to 1.
+        weight: Of a pixel well inside the subject.
+        standoff_px: A rim of this width costs nothing: soles, hair and cloth lie outside the body.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    if standoff_px <= 0:
+        return weight * coverage
+    # Beyond the frame the subject goes on, so that no rim starts where a picture cuts it.
+    padded = np.pad(coverage > 0.5, 1, mode="edge")
+    depth_px = distance_transform_edt(padded)[1:-1, 1:-1] - 0.5
+    return weight * np.clip(depth_px - standoff_px + 0.5, 0.0, 1.0)
 
 
 def silhouette_cost(
@@ -84,8 +101,7 @@ def silhouette_cost(
     inside_frame = ((middle > 0) & (middle < (camera.width, camera.height))).all(axis=1)
     kept = np.flatnonzero(inside_frame & (length > 0))
     kept = kept[~surface.caster.meets(outside[kept], camera)]
-    covered = _bilinear(target.coverage, middle[kept])
-    jump = (1.0 - covered) - target.uncovered * covered
+    jump = _bilinear(1.0 - target.coverage - target.missing, middle[kept])
     force = jump[:, None] * normal[kept] / target.area_px
     moving = target.projector(vertices[torch.from_numpy(ends[kept]).to(vertices.device)]).mean(1)
     push = (torch.from_numpy(force).to(moving) * moving).sum()

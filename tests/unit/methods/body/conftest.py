@@ -56,3 +56,70 @@ def _pitched_cameras():
 @pytest.fixture(name="sphere", scope="session")
 def _spheres():
     return _sphere
+
+
+@pytest.fixture(name="anny", scope="session")
+def _anny():
+    from methods.body.anny_body import AnnyBody
+
+    return AnnyBody()
+
+
+@pytest.fixture(name="person", scope="session")
+def _person(anny):
+    """Parameters of one bent body, its posed values, and its landmarks."""
+    import torch
+
+    from methods.body.model import neutral
+
+    generator = torch.Generator().manual_seed(3)
+    parameters = neutral(anny)
+    pose = 0.12 * torch.randn(parameters["pose"].shape, generator=generator)
+    for index, joint in enumerate(anny.free):
+        pose[:, index] /= np.sqrt(np.mean(joint.stiffness))
+    shift = torch.tensor([[0.02, 0.0, -0.03]])
+    parameters |= {"pose": pose, "shape": parameters["shape"] + 0.05, "translation": shift}
+    with torch.no_grad():
+        posed = anny.posed(parameters)
+        return parameters, posed, anny.landmark_points(posed)[0].double().numpy()
+
+
+def _ring(count: int, pitch_deg: float = 0.0, height: int = 288) -> tuple[Camera, ...]:
+    from harness.core.rigs import RingRig
+
+    rig = RingRig(views=count, pitch_deg=pitch_deg)
+    return rig.cameras(height * 9 // 16, height)
+
+
+@pytest.fixture(name="make_views", scope="session")
+def _make_views(anny, person):
+    """``make_views(cameras)``: what a perfect detector and perfect masks say of the person."""
+    from harness.core.mesh import Mesh
+    from harness.geometry.raycast import Raycaster
+    from methods.body.detection import COUNT, Detections
+    from methods.body.views import View, Views, frame_side_px
+
+    _, posed, points = person
+    caster = Raycaster(Mesh(posed.vertices[0].double().numpy(), anny.faces))
+    hips = [list(anny.landmarks.landmarks).index(hip) for hip in (23, 24)]
+
+    def make(cameras, normals: bool = False) -> Views:
+        views, pixels, space, confidence = [], [], [], []
+        for index, camera in enumerate(cameras):
+            coverage = caster.coverage(camera, supersample=3)
+            wanted = caster.normals(camera, "camera") if normals else None
+            views.append(View(index, camera, coverage, frame_side_px(coverage > 0.5), wanted))
+            seen = points @ camera.rotation.T
+            for store, size, values in (
+                (pixels, 2, camera.project(points)[0]),
+                (space, 3, seen - seen[hips].mean(0)),
+                (confidence, 1, np.ones((len(points), 1))),
+            ):
+                full = np.zeros((COUNT, size))
+                full[anny.landmarks.landmarks] = values
+                store.append(full)
+        found = Detections(np.array(pixels), np.array(space), np.array(confidence)[..., 0])
+        return Views(tuple(views), found, {})
+
+    make.ring = _ring
+    return make

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from methods.body.projection import Projector
-from methods.body.silhouette import SilhouetteTarget, silhouette_cost
+from methods.body.silhouette import SilhouetteTarget, clothed, silhouette_cost
 from methods.body.surface import BodySurface, Topology
 
 
@@ -40,7 +40,8 @@ def moved(vertices, name, amount):
 def test_gradient_is_that_of_the_area(ball, camera, motion, uncovered):
     vertices, faces = ball
     coverage = smooth_coverage(camera, (128.0, 112.0), 6.0)
-    target = SilhouetteTarget(Projector(camera), coverage, 100.0**2, uncovered)
+    missing = uncovered * coverage
+    target = SilhouetteTarget(Projector(camera), coverage, 100.0**2, missing)
     leaf = torch.tensor(vertices, dtype=torch.float32, requires_grad=True)
     silhouette_cost(leaf, BodySurface(vertices, Topology(faces)), target).backward()
     direction = (moved(vertices, motion, 1e-3) - vertices) / 1e-3
@@ -58,7 +59,7 @@ def test_value_is_the_weighted_area_of_the_difference(ball, camera):
     surface = BodySurface(vertices, Topology(faces))
     mask = surface.caster.mask(camera)
     coverage = np.roll(mask, 7, axis=1).astype(float)
-    target = SilhouetteTarget(Projector(camera), coverage, 10.0, 0.25)
+    target = SilhouetteTarget(Projector(camera), coverage, 10.0, 0.25 * coverage)
     cost = silhouette_cost(torch.tensor(vertices, dtype=torch.float32), surface, target)
     beyond, missing = (mask & (coverage == 0)).sum(), (~mask & (coverage == 1)).sum()
     assert missing > 0
@@ -69,7 +70,7 @@ def test_what_the_frame_cuts_off_does_not_pull(ball, pitched_camera):
     vertices, faces = ball
     camera = pitched_camera(0.0, 0.0).cropped(0, 0, 120, 240)
     inside = np.ones((240, 120))
-    target = SilhouetteTarget(Projector(camera), inside, 1.0)
+    target = SilhouetteTarget(Projector(camera), inside, 1.0, inside)
     leaf = torch.tensor(vertices, dtype=torch.float32, requires_grad=True)
     silhouette_cost(leaf, BodySurface(vertices, Topology(faces)), target).backward()
     hidden = vertices[:, 0] > 0.05
@@ -82,8 +83,9 @@ def test_parts_in_front_of_the_body_have_no_outline(sphere, camera):
     small, small_faces = sphere(0.1)
     toward = camera.position / np.linalg.norm(camera.position)
     vertices = np.concatenate([large, small + 0.8 * toward])
+    nothing = np.zeros((240, 240))
     both = np.concatenate([faces, small_faces + len(large)])
-    target = SilhouetteTarget(Projector(camera), np.zeros((240, 240)), 1.0)
+    target = SilhouetteTarget(Projector(camera), nothing, 1.0, nothing)
     leaf = torch.tensor(vertices, dtype=torch.float32, requires_grad=True)
     silhouette_cost(leaf, BodySurface(vertices, Topology(both)), target).backward()
     assert leaf.grad[len(large) :].abs().max() == 0
@@ -95,8 +97,20 @@ def test_a_missing_sign_would_be_noticed(ball, camera):
     vertices, faces = ball
     x, y = np.moveaxis(camera.pixel_centres(), -1, 0)
     right = ((x - 150) ** 2 + (y - 120) ** 2 < 80**2).astype(float)
-    target = SilhouetteTarget(Projector(camera), right, 1.0)
+    target = SilhouetteTarget(Projector(camera), right, 1.0, right)
     leaf = torch.tensor(vertices, dtype=torch.float32, requires_grad=True)
     silhouette_cost(leaf, BodySurface(vertices, Topology(faces)), target).backward()
     to_the_right = camera.rotation[0]
     assert float((leaf.grad.double().numpy() @ to_the_right).sum()) < 0
+
+
+def test_the_rim_of_a_clothed_subject_costs_nothing():
+    coverage = np.zeros((40, 40))
+    coverage[:, 10:30] = 1.0
+    missing = clothed(coverage, weight=0.5, standoff_px=3.0)
+    row = missing[20]
+    np.testing.assert_allclose(row[10:13], 0.0)
+    np.testing.assert_allclose(row[13:27], 0.5)
+    # The picture cuts the subject above and below: no rim there.
+    np.testing.assert_allclose(missing[0], row)
+    np.testing.assert_array_equal(clothed(coverage, 0.5, 0.0), 0.5 * coverage)

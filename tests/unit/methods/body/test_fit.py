@@ -1,0 +1,135 @@
+"""Known bodies come back from perfect evidence, whichever cameras look, swapped views or not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from methods.body.detection import MIRRORED
+from methods.body.jmbo import Weights, head_cost, optimise
+from methods.body.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
+from methods.body.model import neutral
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def errors_mm(anny, parameters, person):
+    _, posed, _ = person
+    with torch.no_grad():
+        found = anny.posed(parameters)
+    main = [index for role, index in anny.roles.items() if role != "head"]
+    joints = (found.joints - posed.joints)[0, main].norm(dim=1).mean().item() * 1000
+    vertices = (found.vertices - posed.vertices)[0].norm(dim=1).mean().item() * 1000
+    return joints, vertices
+
+
+def from_landmarks(anny, views):
+    sparse = anny.sparse()
+    start = average(fit_each_view(sparse, views.views, views.detections))
+    return fit_jointly(sparse, views.views, views.detections, start)
+
+
+@pytest.mark.slow
+def test_one_view_gives_the_pose_at_the_rigs_centre(anny, person, make_views):
+    views = make_views(make_views.ring(8)[:1])
+    found = fit_each_view(anny.sparse(), views.views, views.detections)
+    with torch.no_grad():
+        seen = anny.landmark_points(anny.posed(found))[0].double().numpy()
+    pixels, _ = views.views[0].camera.project(seen)
+    error = np.abs(pixels - views.detections.pixels[0][anny.landmarks.landmarks])
+    assert np.median(error) < 2.0
+    assert abs(found["translation"][0, 2]) < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", ["ring8", "ring3", "uneven", "pitched"])
+def test_landmarks_of_several_views_give_the_body(anny, person, make_views, rig):
+    cameras = {
+        "ring8": make_views.ring(8),
+        "ring3": make_views.ring(3),
+        "uneven": [make_views.ring(16)[i] for i in (0, 1, 3, 9)],
+        "pitched": make_views.ring(4, pitch_deg=30.0),
+    }[rig]
+    joints, vertices = errors_mm(anny, from_landmarks(anny, make_views(cameras)), person)
+    assert joints < 25
+    assert vertices < 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("swapped", [(4,), (3, 4, 5)])
+def test_swapped_views_are_found_and_do_no_harm(anny, person, make_views, swapped):
+    views = make_views(make_views.ring(8))
+    wrong = np.isin(np.arange(8), swapped)
+    broken = views.detections.mirrored(wrong)
+    assert not np.array_equal(broken.pixels[4], views.detections.pixels[4])
+    spoiled = from_landmarks(anny, replace(views, detections=broken))
+    found = swapped_views(anny.sparse(), views.views, broken, spoiled)
+    np.testing.assert_array_equal(found, wrong)
+    clean = from_landmarks(anny, views)
+    assert not swapped_views(anny.sparse(), views.views, views.detections, clean).any()
+    repaired = fit_jointly(anny.sparse(), views.views, broken.mirrored(found), spoiled)
+    with torch.no_grad():
+        apart = anny.posed(repaired).joints - anny.posed(clean).joints
+    assert apart.norm(dim=-1).mean().item() < 0.003
+
+
+@pytest.mark.slow
+def test_joint_fit_finds_the_unclothed_body(anny, person, make_views):
+    """A sign, a camera or half a pixel that is wrong shows here, where no cloth hides it."""
+    views = make_views(make_views.ring(8), normals=True)
+    start = from_landmarks(anny, views)
+    fit = optimise(anny, views, start, Weights(iterations=100, patience=15), seed=0)
+    joints, vertices = errors_mm(anny, fit.parameters, person)
+    assert joints < 6
+    assert vertices < 6
+    assert fit.terms["silhouette"][1] < fit.terms["silhouette"][0]
+    assert min(fit.costs) < 0.7 * fit.costs[0]
+
+
+@pytest.mark.slow
+def test_equal_seeds_give_equal_bodies_and_batches_see_every_view(anny, person, make_views):
+    views = make_views(make_views.ring(4))
+    parameters, _, _ = person
+    weights = Weights(iterations=6, batch=2)
+    first, again = (optimise(anny, views, parameters, weights, seed=5) for _ in range(2))
+    other = optimise(anny, views, parameters, weights, seed=6)
+    for name, value in first.parameters.items():
+        assert torch.equal(value, again.parameters[name])
+    assert not torch.equal(first.parameters["pose"], other.parameters["pose"])
+
+
+def test_a_term_that_is_off_does_not_count(anny, person, make_views):
+    views = make_views(make_views.ring(2))
+    parameters, _, _ = person
+    off = Weights(iterations=1, silhouette=0.0, landmark=0.0, normal=0.0, head=1.0)
+    fit = optimise(anny, views, parameters, off, seed=0)
+    with torch.no_grad():
+        head = head_cost(anny, anny.posed(parameters)).item()
+    assert fit.costs[0] == pytest.approx(head)
+
+
+def test_head_cost_is_the_tilt_whichever_way_the_body_faces(anny):
+    parameters = neutral(anny)
+    assert head_cost(anny, anny.posed(parameters)).item() == pytest.approx(0.0, abs=1e-6)
+    index = [joint.name for joint in anny.free].index("head")
+    parameters["pose"][0, index, 0] = 0.5
+    back = torch.tensor([[-1.0, 0], [0, 1], [0, 0]])
+    for orientation in (parameters["orientation"][0], back):
+        turned = {**parameters, "orientation": orientation[None]}
+        cost = head_cost(anny, anny.posed(turned)).item()
+        assert cost == pytest.approx(1 - np.cos(0.5), abs=1e-5)
+
+
+def test_mirroring_twice_changes_nothing():
+    np.testing.assert_array_equal(MIRRORED[MIRRORED], np.arange(33))
+    assert MIRRORED[11] == 12
+    assert MIRRORED[0] == 0

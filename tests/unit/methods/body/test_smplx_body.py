@@ -1,0 +1,145 @@
+"""SMPL-X's real loading code, on a file of the right shape that holds no licensed number."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from harness.core.errors import DataError, MissingPart
+from methods.body.model import neutral
+from methods.body.smplx_body import SmplxBody
+
+PARENTS = [
+    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
+    *(value for base in (20, 21) for first in range(25 + 15 * (base - 20), 40 + 15 * (base - 20), 3)
+      for value in (base, first, first + 1)),
+]  # fmt: skip
+
+
+def model_arrays() -> dict[str, np.ndarray]:
+    """A cloud of vertices round 55 joints, each moved by its nearest, in SMPL-X's format."""
+    random = np.random.default_rng(0)
+    joints = random.normal(0, 0.4, (55, 3))
+    joints[16:20, 0] = [0.2, -0.2, 0.5, -0.5]
+    owner = np.arange(10475) % 55
+    vertices = joints[owner] + random.normal(0, 0.03, (10475, 3))
+    regressor = np.zeros((55, 10475))
+    regressor[owner, np.arange(10475)] = 1.0
+    faces = random.permutation(10475)[random.integers(0, 10475, (20908, 3))]
+    return {
+        "v_template": vertices,
+        "shapedirs": random.normal(0, 0.003, (10475, 3, 400)),
+        "posedirs": np.zeros((10475, 3, 486)),
+        "J_regressor": regressor / regressor.sum(1, keepdims=True),
+        "weights": np.eye(55)[owner],
+        "kintree_table": np.array([PARENTS, range(55)], dtype=np.int64),
+        "f": faces.astype(np.uint32),
+        "hands_componentsl": np.eye(45),
+        "hands_componentsr": np.eye(45),
+        "hands_meanl": np.zeros(45),
+        "hands_meanr": np.zeros(45),
+        "lmk_faces_idx": np.zeros(51, dtype=np.int64),
+        "lmk_bary_coords": np.full((51, 3), 1 / 3),
+    }
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("smplx") / "SMPLX_NEUTRAL.npz"
+    np.savez(path, **model_arrays())
+    return path
+
+
+@pytest.fixture(scope="module")
+def body(model_file):
+    return SmplxBody(model_file)
+
+
+def test_exported_parameters_make_the_same_body_in_the_package(body, model_file):
+    import smplx
+
+    random = torch.Generator().manual_seed(1)
+    parameters = neutral(body)
+    parameters["pose"] = 0.3 * torch.randn(1, 21, 3, generator=random)
+    parameters["shape"] = torch.randn(1, 10, generator=random)
+    parameters["translation"] = torch.tensor([[0.1, -0.2, 0.3]])
+    parameters["orientation"] = torch.tensor([[[0.8, 0.0], [0.0, 1.0], [-0.6, 0.0]]])
+    posed = body.posed(parameters)
+    model = smplx.SMPLX(str(model_file), ext="npz", use_pca=False, flat_hand_mean=True)
+    arguments = {name: torch.tensor(value) for name, value in body.export(parameters).items()}
+    output = model(**arguments)
+    torch.testing.assert_close(output.vertices, posed.vertices, atol=2e-5, rtol=0)
+    torch.testing.assert_close(output.joints[:, :55], posed.joints, atol=2e-5, rtol=0)
+
+
+def test_turns_are_those_of_the_joints(body):
+    """A point fixed to a joint moves with that joint's turn."""
+    parameters = neutral(body)
+    random = torch.Generator().manual_seed(2)
+    parameters["pose"] = 0.4 * torch.randn(1, 21, 3, generator=random)
+    rest, posed = body.posed(neutral(body)), body.posed(parameters)
+    head = body.roles["head"]
+    owned = head + 55 * 3
+    before = rest.vertices[0, owned] - rest.joints[0, head]
+    after = posed.vertices[0, owned] - posed.joints[0, head]
+    torch.testing.assert_close(posed.turns[0, head] @ before, after, atol=1e-5, rtol=0)
+
+
+def test_six_numbers_pose_like_three(body):
+    import roma
+
+    parameters = neutral(body)
+    parameters["pose"] = 0.3 * torch.randn(1, 21, 3, generator=torch.Generator().manual_seed(3))
+    six = {**parameters, "pose": roma.rotvec_to_rotmat(parameters["pose"])[..., :2]}
+    torch.testing.assert_close(body(parameters)[0], body(six)[0], atol=1e-5, rtol=0)
+
+
+def test_expression_jaw_and_hands_are_taken(body):
+    parameters = neutral(body)
+    moved = {**parameters, "left_hand_pose": torch.full((1, 45), 0.3)}
+    change = (body(moved)[0] - body(parameters)[0])[0].norm(dim=1)
+    assert change[body.regions["hands"]].max() > 0.005
+    assert change[~body.regions["hands"]].max() < 1e-6
+    smiling = {**parameters, "expression": torch.ones(1, 10)}
+    assert (body(smiling)[0] - body(parameters)[0]).abs().max() > 1e-4
+
+
+def test_gradients_reach_every_parameter_also_from_behind(body):
+    parameters = neutral(body, 2)
+    parameters["orientation"][1] = torch.tensor([[-1.0, 0], [0, 1], [0, 0]])
+    parameters = {name: value.requires_grad_() for name, value in parameters.items()}
+    body.landmark_points(body.posed(parameters)).square().sum().backward()
+    for value in parameters.values():
+        assert torch.isfinite(value.grad).all()
+        assert value.grad.abs().max() > 0
+
+
+def test_a_pickled_model_is_the_same(body, model_file, tmp_path):
+    path = tmp_path / "SMPLX_NEUTRAL.pkl"
+    path.write_bytes(pickle.dumps(model_arrays()))
+    torch.testing.assert_close(SmplxBody(path)(neutral(body))[0], body(neutral(body))[0])
+
+
+@pytest.mark.parametrize("name", ["", "absent.npz"])
+def test_no_file_says_where_to_get_it(tmp_path, name):
+    with pytest.raises(MissingPart, match="smpl-x.is.tue.mpg.de"):
+        SmplxBody(tmp_path / name if name else "")
+
+
+def test_wrong_files_are_refused(tmp_path):
+    broken = tmp_path / "SMPLX_NEUTRAL.npz"
+    broken.write_bytes(b"PK not a zip")
+    with pytest.raises(DataError, match="no SMPL-X model"):
+        SmplxBody(broken)
+    smaller = {**model_arrays(), "weights": np.ones((10475, 24)) / 24}
+    other = tmp_path / "other.npz"
+    np.savez(other, **smaller)
+    with pytest.raises(DataError, match="another model.*lbs_weights"):
+        SmplxBody(other)
+    text = tmp_path / "model.txt"
+    text.write_text("x")
+    with pytest.raises(DataError, match=r"an \.npz or \.pkl"):
+        SmplxBody(text)
