@@ -70,7 +70,7 @@ def test_total_reproduces_the_printed_rows():
 
 def test_errors_are_in_millimetres_and_not_aligned():
     truth = np.random.default_rng(0).normal(size=(12, 3))
-    np.testing.assert_allclose(joint_error_mm([*truth, 0, 0.003, 0.004], truth), 5.0)
+    np.testing.assert_allclose(joint_error_mm(truth + np.array([0, 0.003, 0.004]), truth), 5.0)
     np.testing.assert_allclose(vertex_error_mm(truth, truth), 0.0)
 
 
