@@ -25,7 +25,15 @@ if TYPE_CHECKING:
     from methods.body.model import ParametricBody
     from methods.body.views import Views
 
-__all__ = ["BodyFit", "FitSettings", "body_average", "body_front", "jmbo8", "jmbo8_paper"]
+__all__ = [
+    "BodyFit",
+    "FitSettings",
+    "body_average",
+    "body_front",
+    "jmbo8",
+    "jmbo8_no_head",
+    "jmbo8_paper",
+]
 
 _STAGES = ("front", "average", "landmarks", "jmbo")
 
@@ -57,11 +65,12 @@ PAPER = FitSettings(start="average")
 #: Better on clothed people: starts from all landmarks, clothes may stand off, a weak prior.
 DEFAULT = FitSettings(
     start="landmarks",
-    uncovered=0.2,
-    landmark=0.3,
+    uncovered=0.3,
+    standoff_m=0.02,
+    landmark=0.2,
     prior=2e-4,
-    iterations=100,
-    patience=15,
+    iterations=60,
+    schedule="ramp",
 )
 
 
@@ -82,6 +91,7 @@ class BodyFit:
             ("stage", _STAGES),
             ("start", ("average", "landmarks")),
             ("normals", ("off", "oracle")),
+            ("schedule", ("plateau", "ramp")),
         ):
             if getattr(settings, field) not in known:
                 raise HarnessError(
@@ -237,4 +247,5 @@ body_average = BodyFit(
     "body-average", "Body, average of views", _ALL, replace(DEFAULT, stage="average")
 )
 jmbo8_paper = BodyFit("jmbo8-paper", "JMBO as printed, 8 views", _ALL, PAPER)
+jmbo8_no_head = BodyFit("jmbo8-no-head", "JMBO without head term", _ALL, replace(DEFAULT, head=0.0))
 jmbo8 = BodyFit("jmbo8", "JMBO, 8 views", _ALL, DEFAULT)

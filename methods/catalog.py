@@ -15,6 +15,7 @@ METHODS = Registry(
         "body-front": "methods.body_fit:body_front",
         "body-average": "methods.body_fit:body_average",
         "jmbo8-paper": "methods.body_fit:jmbo8_paper",
+        "jmbo8-no-head": "methods.body_fit:jmbo8_no_head",
         "jmbo8": "methods.body_fit:jmbo8",
         "hull8": "methods.hull:hull8",
         "gt": "methods.gt:gt",

@@ -37,7 +37,7 @@ def report(
         Path | None, typer.Option("--output", "-o", help="Write to this file.")
     ] = None,
     figure: Annotated[
-        str, typer.Option("--figure", help="A figure instead: qualitative or overlay.")
+        str, typer.Option("--figure", help="A figure instead: qualitative, overlay or bodies.")
     ] = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,

@@ -16,7 +16,7 @@ from harness.core.units import MM_PER_METRE
 from harness.pipeline.sources import Source
 from harness.pipeline.store import RunStore
 
-__all__ = ["FIGURES", "overlay", "qualitative"]
+__all__ = ["FIGURES", "bodies", "overlay", "qualitative"]
 
 #: Errors beyond this share of all vertices take the last colour.
 _SCALE_PERCENTILE = 98.0
@@ -61,8 +61,38 @@ def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Pa
     return path
 
 
+def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """The fitted bodies of all methods that have one, over the photos of the first subject.
+
+    Raises:
+        HarnessError: no method fitted a body to it.
+    """
+    from harness.pipeline.body_scoring import TrueBody
+    from reports.body_overlay import body_overlay
+    from reports.figures import MethodMesh
+
+    subject = source.subjects[0]
+    scan, _ = source.load(subject)
+    rows, faces = [], None
+    for method, title in _complete_methods(records, (subject,)).items():
+        file = store.cell(method, subject) / "body.npz"
+        if file.is_file():
+            with np.load(file, allow_pickle=False) as arrays:
+                faces = arrays["faces"]
+                rows.append(MethodMesh(title, Mesh(arrays["vertices"], faces, source=title)))
+    if faces is None:
+        raise HarnessError(
+            f"no method fitted a body to {subject}", hint="Run 'harness eval --method jmbo8'"
+        )
+    true = TrueBody.of(scan)
+    same = true is not None and len(true.vertices) == len(rows[0].mesh.vertices)
+    truth = Mesh(true.vertices, faces, source="true body") if true and same else None
+    body_overlay(rows, truth, Capture.load(source.capture_directory(subject)), path)
+    return path
+
+
 #: Figures by name.
-FIGURES = {"qualitative": qualitative, "overlay": overlay}
+FIGURES = {"qualitative": qualitative, "overlay": overlay, "bodies": bodies}
 
 
 def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dict[str, str]:

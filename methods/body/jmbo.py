@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Fit", "Weights", "head_cost", "optimise"]
 
-_FACTOR, _LEAST_RATE = 0.5, 1e-5
+_FACTOR, _PATIENCE, _LEAST_RATE = 0.5, 5, 1e-5
+#: Of the ramp: shares of the iterations at which the full step is reached and left, first and last
+#: share of the full step.
+_FULL, _FALLING, _LEAST_SHARE = 0.1, 0.6, 0.1
 #: Converged: the mean cost of this many iterations is less than this share below that of the same
 #: number before. Not asked earlier than after three times as many.
 _WINDOW, _IMPROVEMENT = 10, 2e-3
@@ -48,7 +51,8 @@ class Weights:
         prior: Of the pose and shape prior; the paper has none.
         iterations: At most.
         rate: Adam's first step.
-        patience: Iterations without progress after which the step is halved.
+        schedule: ``plateau`` halves the step after 5 iterations without progress, as in the paper;
+            ``ramp`` starts with small steps, for Adam's first ones are blind, and ends with them.
         batch: Views per iteration; 0 takes all.
     """
 
@@ -61,7 +65,7 @@ class Weights:
     prior: float = 0.0
     iterations: int = 35
     rate: float = 1e-2
-    patience: int = 5
+    schedule: str = "plateau"
     batch: int = 0
 
 
@@ -95,16 +99,18 @@ def optimise(
     problem = _Problem(body, views, weights)
     parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
     optimiser = torch.optim.Adam(list(parameters.values()), lr=weights.rate, amsgrad=True)
-    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
-        optimiser, factor=_FACTOR, patience=weights.patience, min_lr=_LEAST_RATE
+    plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
+        optimiser, factor=_FACTOR, patience=_PATIENCE, min_lr=_LEAST_RATE
     )
     turns = _batches(len(views.views), weights, seed)
     costs: list[float] = []
     terms: list[dict[str, float]] = []
     best = {name: value.detach().clone() for name, value in parameters.items()}
     ended: Literal["converged", "iterations"] = "iterations"
-    for chosen in turns:
+    for iteration, chosen in enumerate(turns):
         optimiser.zero_grad()
+        if weights.schedule == "ramp":
+            optimiser.param_groups[0]["lr"] = weights.rate * _ramp(iteration / len(turns))
         cost, found = problem.step(parameters, chosen)
         # With mini-batches the costs of two iterations are of different views: the last one counts.
         if not costs or cost < min(costs) or weights.batch:
@@ -112,7 +118,8 @@ def optimise(
         costs.append(cost)
         terms.append(found)
         optimiser.step()
-        schedule.step(cost)
+        if weights.schedule == "plateau":
+            plateau.step(cost)
         if not weights.batch and _converged(costs):
             ended = "converged"
             break
@@ -131,6 +138,13 @@ def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:
         order += generator.permutation(count).tolist()
     starts = range(0, weights.iterations * weights.batch, weights.batch)
     return [order[start : start + weights.batch] for start in starts]
+
+
+def _ramp(progress: float) -> float:
+    """Share of the full step at a progress from 0 to 1."""
+    rising = min(1.0, _LEAST_SHARE + (1.0 - _LEAST_SHARE) * progress / _FULL)
+    falling = max(0.0, progress - _FALLING) / (1.0 - _FALLING)
+    return rising * (1.0 - (1.0 - _LEAST_SHARE) * falling)
 
 
 def _converged(costs: Sequence[float]) -> bool:

@@ -1,0 +1,173 @@
+"""The methods themselves, from photos to body: MediaPipe looks at an unclothed figure."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from harness.core.artifacts import Capture, image_name
+from harness.core.errors import HarnessError, MethodError
+from harness.core.mesh import Mesh
+from harness.core.protocols import Context
+from harness.geometry.images import save_png
+from harness.geometry.raycast import Raycaster
+from methods.body.detection import detect
+from methods.body_fit import PAPER, BodyFit, body_average, body_front, jmbo8
+
+SKIN = np.array([0.80, 0.60, 0.48])
+
+
+def photograph(mesh, camera, colours):
+    """A figure in soft light from the upper left, RGBA."""
+    caster = Raycaster(mesh)
+    fine = camera.resized(2 * camera.width, 2 * camera.height)
+    hits = caster.cast(fine)
+    normals = caster.normals_at(hits, fine, "camera")
+    light = 0.5 + 0.5 * np.clip(normals @ np.array([-0.4, 0.5, 0.76]), 0, 1)
+    colour = hits.interpolate(colours, mesh.faces) * light[..., None]
+    image = np.dstack([colour, hits.mask])
+    small = image.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))
+    alpha = small[..., 3:]
+    small[..., :3] /= np.where(alpha > 0, alpha, 1)
+    return np.round(255 * small).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def figure(anny, person):
+    mesh = Mesh(person[1].vertices[0].double().numpy(), anny.faces)
+    colours = np.tile(SKIN, (len(mesh.vertices), 1))
+    colours[anny.regions["eyeballs"]] = 0.15
+    return mesh, colours
+
+
+@pytest.fixture(scope="module")
+def capture(figure, make_views, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("figure")
+    cameras = make_views.ring(8, height=480)
+    for view, camera in enumerate(cameras):
+        save_png(folder / image_name(view), photograph(figure[0], camera, figure[1]))
+    return Capture("toy", "figure", "tiny", "figure", folder, cameras)
+
+
+def some_views(capture, views, folder):
+    """A capture of some of the views, in their own folder."""
+    for new, old in enumerate(views):
+        target = folder / image_name(new)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(capture.image_path(old).read_bytes())
+    cameras = tuple(capture.cameras[view] for view in views)
+    return replace(capture, directory=folder, cameras=cameras, key=f"{capture.key}{views}")
+
+
+def blank(capture, views):
+    for view in views:
+        width, height = capture.cameras[view].size
+        image = np.zeros((height, width, 4), np.uint8)
+        image[height // 3 : height // 2, width // 3 : width // 2] = 200
+        save_png(capture.image_path(view), image)
+
+
+@pytest.fixture
+def context(tmp_path, figure):
+    caster = Raycaster(figure[0])
+    return Context(
+        seed=0,
+        workdir=tmp_path,
+        stage=lambda _: contextlib.nullcontext(),
+        privileged={"oracle_normals": lambda camera: caster.normals(camera, "camera")},
+    )
+
+
+def joint_error_mm(body, anny, person):
+    main = [index for role, index in anny.roles.items() if role != "head"]
+    truth = person[1].joints[0].numpy()
+    return 1000 * np.linalg.norm(body.joints[main] - truth[main], axis=1).mean()
+
+
+@pytest.mark.slow
+def test_a_person_is_found_in_every_view(capture, anny, person):
+    found = detect(capture)
+    assert found.found.all()
+    points = person[2]
+    nose = list(anny.landmarks.landmarks).index(0)
+    pixels, _ = capture.cameras[0].project(points)
+    assert np.linalg.norm(found.pixels[0, 0] - pixels[nose]) < 12
+    assert np.median(np.linalg.norm(found.points_camera[0, [11, 12]], axis=1)) < 0.8
+
+
+@pytest.mark.slow
+def test_the_joint_fit_is_better_than_the_average_and_that_than_one_view(
+    capture, context, anny, person
+):
+    exact = {"uncovered": "1.0", "standoff_m": "0.0", "normals": "oracle", "iterations": "80"}
+    fits = [body_front, body_average, jmbo8.configured({**exact, "landmark": "0.1"})]
+    results = [fit.reconstruct(capture, context) for fit in fits]
+    front, mean, joint = (joint_error_mm(r.body, anny, person) for r in results)
+    assert joint < mean < front
+    assert joint < 10
+    np.testing.assert_array_equal(results[2].mesh.vertices, results[2].body.vertices)
+    assert "rig's centre" in str(results[0].details["depth"])
+    assert results[2].details["swapped_views"] == []
+
+
+@pytest.mark.slow
+def test_equal_seeds_give_equal_bodies(capture, context):
+    quick = jmbo8.configured({"iterations": "4"})
+    first, again = (quick.reconstruct(capture, context).mesh.vertices for _ in range(2))
+    np.testing.assert_allclose(first, again, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("views", [(0,), (0, 4), (1, 2, 6)])
+def test_any_views_will_do(capture, context, views, tmp_path):
+    some = some_views(capture, views, tmp_path)
+    fit = BodyFit("some", "Some", tuple(range(16)), replace(PAPER, iterations=3, start="landmarks"))
+    result = fit.reconstruct(some, context)
+    assert result.details["views_used"] == list(range(len(views)))
+    assert 1.2 < result.mesh.extent[1] < 2.3
+
+
+@pytest.mark.slow
+def test_a_view_without_a_person_is_left_out_and_said_so(capture, context, tmp_path):
+    some = some_views(capture, (0, 2, 4), tmp_path)
+    blank(some, [1])
+    result = body_average.reconstruct(some, context)
+    assert result.details["views_used"] == [0, 2]
+    assert result.details["views_left_out"] == {"1": "no person was detected"}
+
+
+@pytest.mark.slow
+def test_no_person_at_all_is_an_error(capture, context, tmp_path):
+    some = some_views(capture, (0, 1), tmp_path)
+    blank(some, [0, 1])
+    assert not detect(some).found.any()
+    with pytest.raises(MethodError, match="no view shows a person.*view 0: no person"):
+        jmbo8.reconstruct(some, context)
+
+
+def test_settings_are_checked_and_recorded():
+    oracle = jmbo8.configured({"normals": "oracle", "iterations": "7"})
+    assert "oracle_normals" in oracle.info.privileges
+    assert "oracle_normals" not in jmbo8.info.privileges
+    assert oracle.info.parameters["iterations"] == 7
+    with pytest.raises(HarnessError, match="setting 'body' cannot be 'smpl'.*anny or smplx"):
+        jmbo8.configured({"body": "smpl"})
+
+
+def test_what_a_stage_does_not_use_is_not_in_its_key():
+    assert "silhouette" in jmbo8.info.parameters
+    assert "silhouette" not in body_front.info.parameters
+    assert body_front.info.views == (0,)
+
+
+def test_a_licensed_file_is_recorded_by_content_and_not_by_path(tmp_path):
+    path = tmp_path / "SMPLX_NEUTRAL.npz"
+    path.write_bytes(b"x")
+    fit = jmbo8.configured({"body": "smplx", "smplx_model": str(path)})
+    part = fit.info.parts[0]
+    assert part.name == "SMPL-X"
+    assert len(part.sha256) == 64
+    assert str(tmp_path) not in str(fit.info.to_dict())
