@@ -29,6 +29,7 @@ from metrics.sampling import sample_surface
 __all__ = ["PointErrors", "Score", "score"]
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +40,15 @@ class PointErrors:
         points: (N, 3) metres, world frame.
         distances_mm: (N,) to the nearest point of the other surface.
         normal_errors_deg: (N,) between the smooth normals at both.
+        faces: (N,) the face that each point was drawn on.
+        closest_faces: (N,) the face of the other surface that its nearest point lies on.
     """
 
     points: Floats
     distances_mm: Floats
     normal_errors_deg: Floats
+    faces: Indices
+    closest_faces: Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,6 +154,8 @@ def _errors(sampled: _Side, other: _Side) -> PointErrors:
         normal_errors_deg=angles_deg(
             sampled.surface.normals(sampled.samples), other.surface.normals(closest)
         ),
+        faces=sampled.samples.faces,
+        closest_faces=closest.faces,
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.artifacts import Body, Capture, Reconstruction
+from harness.core.artifacts import Body, Capture, Reconstruction, Scan
 from harness.core.errors import MethodError
 from harness.core.files import atomic_directory, atomic_path
 from harness.core.hashing import derive_seed
@@ -22,6 +22,7 @@ from harness.pipeline.body_scoring import TrueBody, body_metrics
 from harness.pipeline.cost import StageMeter
 from harness.pipeline.oracle_normals import OracleNormals
 from harness.pipeline.plan import resolve_method
+from harness.pipeline.region_scoring import labelled_faces, region_details
 from harness.pipeline.sources import Source
 
 __all__ = ["handle"]
@@ -46,7 +47,7 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
         )
         result = method.reconstruct(capture, context)
     save_mesh(cell / "mesh.ply", result.mesh)
-    scored = _scored(result, truth, protocol, meter)
+    scored = _scored(result, (scan, truth), protocol, meter)
     if result.body:
         _save_body(cell / "body.npz", result.body)
         found = body_metrics(result.body, capture, truth, TrueBody.of(scan))
@@ -77,10 +78,11 @@ def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, obje
 
 
 def _scored(
-    result: Reconstruction, truth: Mesh, protocol: object, meter: StageMeter
+    result: Reconstruction, scanned: tuple[Scan, Mesh], protocol: object, meter: StageMeter
 ) -> dict[str, Any]:
     from metrics.score import score
 
+    scan, truth = scanned
     if not isinstance(result.mesh, Mesh):
         raise MethodError("the method returned no mesh", got=type(result.mesh).__name__)
     costs = [
@@ -92,7 +94,8 @@ def _scored(
         }
         for stage in meter.stages
     ]
-    outcome = score(result.mesh, truth, protocol)  # type: ignore[arg-type]
+    regions = labelled_faces(scan, truth)
+    outcome = score(result.mesh, truth, protocol, keep_points=regions is not None)  # type: ignore[arg-type]
     return {
         "metrics": {name: value.to_dict() for name, value in outcome.metrics.items()},
         "stages": costs,
@@ -100,6 +103,7 @@ def _scored(
             **dict(result.details),
             "diagnostics": outcome.diagnostics,
             "warnings": list(outcome.warnings),
+            **region_details(outcome, truth, regions),
         },
     }
 

@@ -10,7 +10,6 @@ from harness.core.errors import DataError, HarnessError
 from harness.core.metric_catalog import METRICS
 from metrics.score import score
 
-
 GEOMETRY = ["chamfer", "p2s_accuracy", "p2s_completeness", "normal_error"]
 
 
@@ -64,6 +63,21 @@ def test_errors_are_kept_point_by_point_on_request_only(pair, exact):
     assert back.distances_mm.mean() == pytest.approx(metrics["p2s_completeness"].value)
     assert there.normal_errors_deg.mean() == pytest.approx(metrics["normal_error"].value)
     assert back.normal_errors_deg.mean() == pytest.approx(normals["truth_to_predicted_mean_deg"])
+
+    for kept, own, other in ((there, *pair), (back, *pair[::-1])):
+        assert off_plane_mm(kept.points, own, kept.faces) == pytest.approx(0, abs=1e-3)
+        assert (
+            off_plane_mm(kept.points, other, kept.closest_faces) <= kept.distances_mm + 1e-3
+        ).all()
+
+
+def off_plane_mm(points, mesh, faces):
+    """How far each point is from the plane of its face."""
+    normals = mesh.face_normals()[faces]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return 1000 * np.abs(
+        np.einsum("ij,ij->i", points - mesh.vertices[mesh.faces[faces, 0]], normals)
+    )
 
 
 def test_all_methods_are_measured_at_the_same_true_points(pair, shapes, exact):
