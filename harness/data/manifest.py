@@ -74,6 +74,7 @@ class Dataset(_Strict):
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
+        scan_noise_mm: Of generated subjects: standard deviation of bumps such as a scanner leaves.
         source: Where the user gets the data.
         sha256: Expected checksums by path below the root.
     """
@@ -86,6 +87,7 @@ class Dataset(_Strict):
     facing: Literal["+z", "fit"] | dict[str, float]
     subjects: tuple[str, ...]
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
+    scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
     source: str = ""
     sha256: dict[str, str] = Field(default_factory=dict)
 
@@ -98,6 +100,12 @@ class Dataset(_Strict):
         if isinstance(subjects, str):
             return {**raw, "subjects": subject_range(subjects) or (subjects,)}
         return raw
+
+    @model_validator(mode="after")
+    def _only_generated_scans_take_noise(self) -> Dataset:
+        if self.scan_noise_mm and self.kind != "generated":
+            raise ValueError("scan_noise_mm is for datasets of kind 'generated' only")
+        return self
 
     @model_validator(mode="after")
     def _subjects_are_distinct(self) -> Dataset:

@@ -66,16 +66,24 @@ class Source:
         """Whether the subjects are made here."""
         return self.manifest.datasets[self.name].kind == "generated"
 
+    @property
+    def _scan_noise_mm(self) -> float:
+        return self.manifest.datasets[self.name].scan_noise_mm
+
     def avatar_directory(self, subject: str) -> Path:
         """Folder of a generated subject."""
         return self.root() / "model" / subject
 
     def avatar_is_current(self, subject: str) -> bool:
-        """Whether a generated subject is there, made by this version of the generator."""
+        """Whether a generated subject is there, made by this generator with the same noise."""
         from harness.data.avatars import AVATARS_VERSION
 
         mark = self.avatar_directory(subject) / "avatar.json"
-        return mark.is_file() and read_json(mark).get("version") == AVATARS_VERSION
+        made = read_json(mark) if mark.is_file() else {}
+        return (made.get("version"), made.get("scan_noise_mm", 0.0)) == (
+            AVATARS_VERSION,
+            self._scan_noise_mm,
+        )
 
     def make_avatar(self, subject: str) -> bool:
         """Make a generated subject unless it is there already; whether it was made now."""
@@ -87,7 +95,7 @@ class Source:
             if self.avatar_is_current(subject):
                 return False
             remove_leftovers(directory)
-            make_avatar(recipe, directory)
+            make_avatar(recipe, directory, self._scan_noise_mm)
         return True
 
     def locate(self, subject: str) -> Scan:

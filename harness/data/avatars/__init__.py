@@ -3,8 +3,8 @@
 Read ``recipe`` (who and what: ``subjects``, ``training``, ``wardrobe``, ``poses``), ``body``
 (Anny), ``patterns`` and ``panels`` (clothes cut on ``quads``), ``drape`` (Blender's cloth solver,
 in ``drape_worker``; ``stored`` keeps its results), ``hair`` and ``extras``, ``shell`` (one outer
-surface), ``atlas``, ``fabric`` and ``paint`` (its texture), ``checks``, ``writer``; ``build``
-joins them, ``sheet`` shows the result.
+surface), ``scanner`` (its noise), ``atlas``, ``fabric`` and ``paint`` (its texture), ``checks``,
+``writer``; ``build`` joins them, ``sheet`` shows the result.
 """
 
 from harness.data.avatars.build import AVATARS_VERSION, make_avatar

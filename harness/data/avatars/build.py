@@ -24,6 +24,7 @@ from harness.data.avatars.patterns import cut_bottom, cut_top
 from harness.data.avatars.poses import POSES, joint_rotations
 from harness.data.avatars.quads import Floats, border_loops, compact, triangles, vertex_normals
 from harness.data.avatars.recipe import AvatarRecipe
+from harness.data.avatars.scanner import scanned
 from harness.data.avatars.shell import Shell, cap, outer_shell
 from harness.data.avatars.stored import load_drape
 from harness.data.avatars.wardrobe import long_sleeved
@@ -121,8 +122,11 @@ def _shrunk(layer: Layer, depth: float) -> Layer:
     return Layer(layer.name, layer.vertices - inward, layer.faces, layer.place, True)
 
 
-def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
+def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.0) -> None:
     """Write the avatar of a recipe into ``directory``, which appears as a whole or not at all.
+
+    scan_noise_mm is the standard deviation of bumps such as a scanner leaves; the texture, the
+    labels and the true body stay those of the clean surface.
 
     Raises:
         MissingPart: Anny is not installed.
@@ -138,19 +142,15 @@ def make_avatar(recipe: AvatarRecipe, directory: Path) -> None:
     owner, nearest_vertex = face_owners(layers, vertices, faces)
     atlas = unwrap(vertices, faces, TEXTURE_SIZE)
     label, names = face_labels(recipe, body, layers, owner, nearest_vertex)
-    mesh = TexturedMesh(
-        vertices,
-        faces,
-        atlas.uv,
-        atlas.uv_faces,
-        label,
-        names,
-        bake(painters(recipe, body), layers, (vertices, faces), atlas, owner),
-    )
+    texture = bake(painters(recipe, body), layers, (vertices, faces), atlas, owner)
+    seed = derive_seed(recipe.seed, "scan") % 2**31
+    vertices = scanned(vertices, faces, scan_noise_mm, seed)
+    mesh = TexturedMesh(vertices, faces, atlas.uv, atlas.uv_faces, label, names, texture)
     cloth = np.isin(owner, [k for k, layer in enumerate(layers) if layer.name in ("top", "bottom")])
     skin = Nearness(posed.vertices, triangles(body.quads("skin")))
     record = {
         "version": AVATARS_VERSION,
+        "scan_noise_mm": scan_noise_mm,
         "clothing": recipe.clothing,
         "recipe": recipe.as_dict(),
         "drape": [d.as_dict() for d in draped],

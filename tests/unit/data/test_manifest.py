@@ -118,3 +118,11 @@ def test_training_subjects_are_a_range_apart_from_the_test_subjects():
 @pytest.mark.parametrize("text", ["a01", "a1..b2", "a01..a2", "..", "a03..a01"])
 def test_what_is_no_range_gives_no_subjects(text):
     assert subject_range(text) == ()
+
+
+def test_noise_is_not_added_to_other_peoples_scans(tmp_path):
+    path = tmp_path / "m.yaml"
+    text = SHIPPED.read_text().replace("kind: thuman ", "scan_noise_mm: 1.0\n    kind: thuman ", 1)
+    path.write_text(text)
+    with pytest.raises(DataError, match="thuman21.*kind 'generated' only"):
+        load_manifest(path)
