@@ -21,7 +21,7 @@ def to_csv(table: Table) -> str:
     """
     stream = io.StringIO()
     names = [
-        f"{column.id}_{key}_{column.unit}" for column in table.columns for key in _keys(column)
+        f"{column.id}_{key}_{column.unit}" for column in table.all_columns for key in _keys(column)
     ]
     common = {
         "table": table.name,
@@ -51,7 +51,7 @@ def _keys(column: Column) -> tuple[str, ...]:
 def _csv_numbers(table: Table, cells: Mapping[str, Cell]) -> dict[str, object]:
     return {
         f"{column.id}_{key}_{column.unit}": value
-        for column in table.columns
+        for column in table.all_columns
         for key, value in _cell_json(column, cells.get(column.id)).items()
         if value is not None
     }
@@ -81,7 +81,7 @@ def to_json(table: Table) -> str:
                 "digits": column.digits,
                 "statistic": column.statistic,
             }
-            for column in table.columns
+            for column in table.all_columns
         },
         "rows": [_row_json(table, row) for row in table.rows],
         "remarks": list(table.remarks),
@@ -109,7 +109,7 @@ def _row_json(table: Table, row: Row) -> dict[str, object]:
 
 
 def _cells_json(table: Table, cells: Mapping[str, Cell]) -> dict[str, object]:
-    return {column.id: _cell_json(column, cells.get(column.id)) for column in table.columns}
+    return {column.id: _cell_json(column, cells.get(column.id)) for column in table.all_columns}
 
 
 def _cell_json(column: Column, cell: Cell | None) -> dict[str, float | None]:

@@ -108,7 +108,7 @@ class Table:
     """Comparable rows: one dataset, one recipe, one metric protocol.
 
     Attributes:
-        name: ``geometry`` or ``cost``.
+        name: As on the command line, such as ``geometry``.
         title: For people.
         dataset, recipe: What every row was measured on.
         protocol: Name, version and sha of the metric protocol.
@@ -116,6 +116,7 @@ class Table:
         rows: Top to bottom.
         remarks: Sentences about the whole table.
         published: Numbers printed elsewhere, shown apart and never compared with the rows.
+        more: Columns for programs: in CSV and JSON, never in print.
     """
 
     name: str
@@ -127,6 +128,12 @@ class Table:
     rows: tuple[Row, ...]
     remarks: tuple[str, ...] = ()
     published: PublishedBlock | None = None
+    more: tuple[Column, ...] = ()
+
+    @property
+    def all_columns(self) -> tuple[Column, ...]:
+        """Those in print, and those for programs."""
+        return (*self.columns, *self.more)
 
     @property
     def footnotes(self) -> Mapping[str, str]:

@@ -18,7 +18,9 @@ __all__ = ["report"]
 
 
 def report(
-    table: Annotated[str, typer.Option("--table", help="geometry, cost or jmbo.")] = "geometry",
+    table: Annotated[
+        str, typer.Option("--table", help="geometry, cost, jmbo or regions.")
+    ] = "geometry",
     form: Annotated[
         str, typer.Option("--format", help="markdown, latex, csv or json.")
     ] = "markdown",

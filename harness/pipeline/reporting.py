@@ -16,6 +16,7 @@ from reports.geometry import geometry_table
 from reports.jmbo import jmbo_table
 from reports.latex import to_latex
 from reports.markdown import to_markdown
+from reports.regions import regions_table
 from reports.tables import Table
 
 __all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "write_tables"]
@@ -27,6 +28,7 @@ TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
     "cost": cost_table,
     "jmbo": jmbo_table,
+    "regions": regions_table,
 }
 #: Writer and file name extension by format.
 FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {
@@ -65,29 +67,42 @@ def build_table(records: Sequence[Record], request: ReportRequest) -> str:
         HarnessError: an unknown table or format, or nothing to report.
         ProtocolMismatch: the records are not comparable.
     """
-    make = _known("table", request.table, TABLES)
     write, _ = _known("format", request.format, FORMATS)
-    table = make(
-        records,
-        methods=request.methods or _catalogue_order(records),
-        subjects=request.subjects,
-        interval=_bootstrap if request.interval else None,
-        published=request.published,
-    )
+    table = _table(records, request)
+    if not table.rows:
+        raise HarnessError(
+            f"no method of this run has the numbers of the table '{table.name}'",
+            got=table.remarks[-1],
+        )
     return write(table)
 
 
 def write_tables(
     records: Sequence[Record], folder: Path, request: ReportRequest = ReportRequest()
 ) -> list[Path]:
-    """Every table in every format as ``<folder>/<table>.<extension>``; returns the files."""
+    """Every table in every format as ``<folder>/<table>.<extension>``; returns the files.
+
+    A table that no method has numbers for says so, and has no rows.
+    """
     written = []
-    for table in TABLES:
-        for name, (_, extension) in FORMATS.items():
-            path = folder / f"{table}.{extension}"
-            write_text(path, build_table(records, replace(request, table=table, format=name)))
+    for name in TABLES:
+        table = _table(records, replace(request, table=name))
+        for write, extension in FORMATS.values():
+            path = folder / f"{name}.{extension}"
+            write_text(path, write(table))
             written.append(path)
     return written
+
+
+def _table(records: Sequence[Record], request: ReportRequest) -> Table:
+    make = _known("table", request.table, TABLES)
+    return make(
+        records,
+        methods=request.methods or _catalogue_order(records),
+        subjects=request.subjects,
+        interval=_bootstrap if request.interval else None,
+        published=request.published,
+    )
 
 
 def _known(kind: str, name: str, known: Mapping[str, T]) -> T:

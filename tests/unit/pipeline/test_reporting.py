@@ -1,6 +1,7 @@
 """A run's records become a table by name, in the format asked for."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,13 +11,17 @@ from harness.pipeline.reporting import FORMATS, TABLES, ReportRequest, build_tab
 from harness.pipeline.store import RunStore
 
 RECORDS = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
+SHARES = {"area_share": 0.2, "missing_share": 0.0, "bulge_share": 0.0}
+MEANS = {"accuracy_mm": 3.0, "completeness_mm": 4.0, "normal_error_deg": 9.0}
+HEAD = {**SHARES, **MEANS, "n_predicted": 10, "n_truth": 10}
+LABELLED = [replace(r, details={**r.details, "regions": {"head": HEAD}}) for r in RECORDS]
 OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
 
 
 @pytest.mark.parametrize("table", TABLES)
 @pytest.mark.parametrize("form", FORMATS)
 def test_every_table_has_every_format(table, form):
-    text = build_table(RECORDS, ReportRequest(table=table, format=form))
+    text = build_table(LABELLED, ReportRequest(table=table, format=form))
     # The body table has no row for methods that fit no body.
     assert ("VGGT" if table == "jmbo" else "Visual hull") in text
     assert text.endswith("\n")
@@ -59,6 +64,15 @@ def test_an_unknown_name_is_refused_with_the_nearest_one(request_, match):
         build_table(RECORDS, request_)
 
 
+@pytest.mark.parametrize(
+    ("table", "match"),
+    [("regions", "the table 'regions'.*Visual hull"), ("jmbo", "the table 'jmbo'.*Visual hull")],
+)
+def test_a_table_that_nobody_has_numbers_for_is_refused_when_asked_for(table, match):
+    with pytest.raises(HarnessError, match=match):
+        build_table(OURS, ReportRequest(table=table))
+
+
 def test_all_tables_are_written(tmp_path):
     files = write_tables(RECORDS, tmp_path)
     assert {path.name for path in files} == {
@@ -67,3 +81,4 @@ def test_all_tables_are_written(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in files)
     stored = (tmp_path / "geometry.tex").read_text(encoding="utf-8")
     assert stored == build_table(RECORDS, ReportRequest(format="latex"))
+    assert "Without errors by region" in (tmp_path / "regions.md").read_text(encoding="utf-8")
