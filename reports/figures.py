@@ -21,7 +21,7 @@ from harness.geometry.raycast import Raycaster
 from reports.panels import Window, canvas, on_white, photo, save, show, windows
 from reports.shading import ErrorScale, heat, shaded
 
-__all__ = ["MethodMesh", "SubjectPanels", "overlay_figure", "qualitative_grid"]
+__all__ = ["MethodMesh", "SubjectPanels", "colour_bar", "overlay_figure", "qualitative_grid"]
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def qualitative_grid(
     for index, subject in enumerate(subjects):
         pair = frames[2 * index : 2 * index + 2]
         _draw_subject(subject, axes[index], dict(zip(views, pair, strict=True)), scale)
-    _colour_bar(figure, axes, scale)
+    colour_bar(figure, axes, scale)
     save(figure, path)
 
 
@@ -117,7 +117,8 @@ def _draw_subject(
         show(axis, panel)
 
 
-def _colour_bar(figure: Any, axes: Any, scale: ErrorScale) -> None:
+def colour_bar(figure: Any, axes: Any, scale: ErrorScale) -> None:
+    """Put the colours of the errors beside a figure's axes (rows, columns)."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

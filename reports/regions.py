@@ -16,7 +16,14 @@ from harness.core.units import Unit
 from reports.selection import Group, select
 from reports.tables import Column, Interval, Row, Table, mean_cell
 
-__all__ = ["REGION_GROUPS", "RegionGroup", "regions_of", "regions_table"]
+__all__ = [
+    "LEAST_SHARE",
+    "REGION_GROUPS",
+    "RegionGroup",
+    "RegionNumbers",
+    "regions_of",
+    "regions_table",
+]
 
 #: The errors of one region in a record's details; None where no point tells.
 RegionNumbers = Mapping[str, float | None]
@@ -52,10 +59,10 @@ REGION_GROUPS = (
 )
 #: A region counts on subjects where it is at least this share of the surface: a few points at the
 #: edge of a collar tell nothing, and would weigh as much as another subject's whole back.
-_LEAST_SHARE = 0.005
+LEAST_SHARE = 0.005
 _REMARKS = (
     "Mean distance of each region's true surface to the prediction, over the subjects where it is "
-    f"at least {100 * _LEAST_SHARE:g} % of the surface",
+    f"at least {100 * LEAST_SHARE:g} % of the surface",
     "Torso: with close-fitting tops and their sleeves; arms: bare; legs: with close-fitting "
     "trousers; feet: with shoes",
 )
@@ -186,7 +193,7 @@ def _pooled(record: Record, group: RegionGroup, measure: _Measure) -> float | No
 def _parts(record: Record, group: RegionGroup) -> list[RegionNumbers]:
     """The regions of a group that a subject has; none if all of them together are too small."""
     parts = [part for name, part in regions_of(record).items() if name in group.regions]
-    large = sum(_known(part["area_share"]) for part in parts) >= _LEAST_SHARE
+    large = sum(_known(part["area_share"]) for part in parts) >= LEAST_SHARE
     return parts if large else []
 
 

@@ -39,7 +39,10 @@ def report(
         Path | None, typer.Option("--output", "-o", help="Write to this file.")
     ] = None,
     figure: Annotated[
-        str, typer.Option("--figure", help="A figure instead: qualitative, overlay or bodies.")
+        str,
+        typer.Option(
+            "--figure", help="A figure instead: qualitative, overlay, bodies or failures."
+        ),
     ] = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,

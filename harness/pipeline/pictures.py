@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harness.core.artifacts import Capture
-from harness.core.errors import HarnessError
+from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
 from harness.core.records import Record
@@ -16,11 +17,15 @@ from harness.core.units import MM_PER_METRE
 from harness.pipeline.sources import Source
 from harness.pipeline.store import RunStore
 
-__all__ = ["FIGURES", "bodies", "overlay", "qualitative"]
+if TYPE_CHECKING:
+    from reports.failures import FailureRow
+
+__all__ = ["FIGURES", "bodies", "failures", "overlay", "qualitative"]
 
 #: Errors beyond this share of all vertices take the last colour.
 _SCALE_PERCENTILE = 98.0
 _LEAST_SCALE_MM = 1.0
+_MOST_FAILURES = 4
 
 
 def qualitative(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
@@ -91,20 +96,85 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     return path
 
 
+def failures(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """Where each method is worst, on the (at most four) subjects with the worst regions.
+
+    The last colour stands for the distance from which on surface counts as missing or bulging.
+
+    Raises:
+        HarnessError: no record of these subjects tells errors by region.
+        DataError: the labels of a scan are gone since it was scored.
+    """
+    from metrics.regions import FAR_MM
+    from reports.failures import failure_grid, worst_region, worst_subjects
+    from reports.shading import ErrorScale
+
+    told = {
+        (record.method_name, record.subject): record
+        for record in records
+        if record.subject in source.subjects and _is_rival(record) and worst_region(record)
+    }
+    if not told:
+        raise HarnessError(
+            f"no record of {', '.join(source.subjects[:4])} tells errors by region",
+            hint="Evaluate subjects whose scans have labels; records of earlier versions lack them",
+        )
+    chosen = worst_subjects(told.values(), _MOST_FAILURES)
+    titles = {record.method_name: str(record.method["title"]) for record in told.values()}
+    rows = [_failure_row(store, source, subject, titles, told) for subject in chosen]
+    failure_grid(rows, path, ErrorScale(limit_mm=FAR_MM))
+    return path
+
+
+def _failure_row(
+    store: RunStore,
+    source: Source,
+    subject: str,
+    titles: Mapping[str, str],
+    told: Mapping[tuple[str, str], Record],
+) -> FailureRow:
+    from harness.pipeline.region_scoring import labelled_faces
+    from reports.failures import FailedMesh, FailurePanel, FailureRow, worst_region
+
+    scan, truth = source.load(subject)
+    regions = labelled_faces(scan, truth)
+    if regions is None:
+        raise DataError(f"the scan of {subject} has no labels any more")
+    panels = []
+    for method, title in titles.items():
+        record = told.get((method, subject))
+        failure = worst_region(record) if record else None
+        found = None
+        if failure:
+            mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
+            found = FailedMesh(mesh, _vertex_errors_mm(mesh, truth), failure)
+        panels.append(FailurePanel(title, found))
+    capture = Capture.load(source.capture_directory(subject))
+    names = np.array(regions.names)[regions.of_face]
+    return FailureRow(capture, truth, names, tuple(panels))
+
+
 #: Figures by name.
-FIGURES = {"qualitative": qualitative, "overlay": overlay, "bodies": bodies}
+FIGURES = {
+    "qualitative": qualitative,
+    "overlay": overlay,
+    "bodies": bodies,
+    "failures": failures,
+}
+
+
+def _is_rival(record: Record) -> bool:
+    """Whether it has a mesh that was not handed the truth, which has its own place."""
+    given: Sequence[str] = record.method["privileges"]  # type: ignore[assignment]
+    return record.status == "ok" and "ground_truth_mesh" not in given
 
 
 def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dict[str, str]:
-    """Titles by name of the methods with an ``ok`` record of every subject.
-
-    A method that hands the truth back is left out: the truth has its own place.
-    """
+    """Titles by name of the methods with a mesh of their own of every subject."""
     titles: dict[str, str] = {}
     done: dict[str, set[str]] = {}
     for record in records:
-        given = record.method["privileges"]
-        if record.status == "ok" and "ground_truth_mesh" not in given:  # type: ignore[operator]
+        if _is_rival(record):
             titles[record.method_name] = str(record.method["title"])
             done.setdefault(record.method_name, set()).add(record.subject)
     complete = {name: title for name, title in titles.items() if done[name] >= set(subjects)}
