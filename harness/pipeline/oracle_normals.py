@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,7 @@ from numpy.typing import NDArray
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-
-if TYPE_CHECKING:
-    from methods.normals import SidedRaycaster
-    from methods.normals.sides import Side
+from harness.geometry.sides import Side, SidedRaycaster
 
 __all__ = ["OracleNormals"]
 
@@ -40,8 +36,6 @@ class OracleNormals:
         Raises:
             MethodError: the camera does not stand where one of the method's views does.
         """
-        from methods.normals import SidedRaycaster
-
         if not any(
             np.allclose(camera.world_to_camera, own.world_to_camera, rtol=0.0, atol=1e-9)
             for own in self._cameras

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.core.errors import MethodError
 from harness.core.protocols import NormalEstimator
-from methods.normals.sides import SidedRaycaster
+from harness.geometry.sides import SidedRaycaster
 from methods.normals.working_view import WorkingView
 
 __all__ = ["ViewMaps", "filled_normals", "view_maps"]
