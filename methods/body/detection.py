@@ -20,6 +20,7 @@ from harness.core.artifacts import Capture
 from harness.core.errors import MissingPart
 from harness.core.protocols import Part
 from harness.geometry.images import composite, load_rgba
+from methods.body.offsets import LEAN_DEG
 
 __all__ = ["COUNT", "MIRRORED", "Detections", "detect", "part"]
 
@@ -43,7 +44,8 @@ class Detections:
 
     Attributes:
         pixels: (N, 33, 2) in pixels of the full images.
-        points_camera: (N, 33, 3) metres, relative to the middle of the hips; OpenCV camera axes.
+        points_camera: (N, 33, 3) metres, relative to the middle of the hips; OpenCV camera axes;
+            the detector's systematic lean is taken off.
         confidence: (N, 33) from 0 to 1; 0 for all where nothing was found.
     """
 
@@ -115,7 +117,13 @@ def _detect(
             pixels[view] = [(mark.x * width + left, mark.y * height + top) for mark in marks]
             confidence[view] = [mark.visibility for mark in marks]
             points[view] = [(m.x, m.y, m.z) for m in found.pose_world_landmarks.landmark]
-    return Detections(pixels, points, np.clip(confidence, 0.0, 1.0))
+    return Detections(pixels, points @ _upright().T, np.clip(confidence, 0.0, 1.0))
+
+
+def _upright() -> Floats:
+    """The rotation about the camera's x axis that takes the detector's lean off."""
+    cosine, sine = np.cos(np.radians(LEAN_DEG)), np.sin(np.radians(LEAN_DEG))
+    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
 
 
 def _holistic() -> Any:
