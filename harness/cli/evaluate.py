@@ -38,7 +38,13 @@ def evaluate(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Root of all randomness.")] = 0,
     jobs: Jobs = 1,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep intermediate results.")] = False,
+    keep: Annotated[
+        bool,
+        typer.Option(
+            "--keep",
+            help="Keep intermediate results: normal maps, sheets, a contact sheet of the stages.",
+        ),
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would run.")] = False,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,

@@ -93,15 +93,17 @@ class Context:
 
     Attributes:
         seed: For this method and subject; equal inputs must give equal output.
-        workdir: Folder for intermediate results, kept on request only.
+        workdir: Folder for intermediate results.
         stage: ``with context.stage("carve"):`` times a stage and watches its memory.
         privileged: What the method's declared privileges ask for, by privilege.
+        keep: Whether intermediate results are wanted; without it nothing need be written.
     """
 
     seed: int
     workdir: Path
     stage: Callable[[str], AbstractContextManager[None]]
     privileged: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    keep: bool = False
 
 
 @runtime_checkable

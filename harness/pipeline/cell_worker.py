@@ -44,6 +44,7 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
             workdir=workdir,
             stage=meter.stage,
             privileged=_privileged(method, capture, truth),
+            keep=bool(job["keep"]),
         )
         result = method.reconstruct(capture, context)
     save_mesh(cell / "mesh.ply", result.mesh)

@@ -1,13 +1,11 @@
 """Clothed normal maps of a view: its working picture, the body behind it, its estimators."""
 
-from harness.geometry.sides import SidedRaycaster
 from methods.normals.estimators import NormalChoice
 from methods.normals.view_maps import ViewMaps, view_maps
 from methods.normals.working_view import WorkingView, working_view
 
 __all__ = [
     "NormalChoice",
-    "SidedRaycaster",
     "ViewMaps",
     "WorkingView",
     "view_maps",

@@ -20,8 +20,9 @@ from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
 from harness.geometry.images import save_png
+from harness.geometry.sides import SidedRaycaster
 from methods.body_fit import BodyFit, FitSettings
-from methods.normals import NormalChoice, SidedRaycaster, ViewMaps, view_maps, working_view
+from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import BodyPrior, FrontBackDepth, integrate_front_back
 from methods.surface.fusion import FusionParameters, concatenated, fused
@@ -144,8 +145,9 @@ class ClothedMethod:
             parts = self._parts(sheets, skin)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
-        with context.stage("pictures"):
-            _keep(context, Stages(maps, parts, skin, mesh))
+        if context.keep:
+            with context.stage("pictures"):
+                _keep(context, Stages(maps, parts, skin, mesh))
         details = {
             "pixels_cut": [depth.pixels_cut for depth in depths],
             "integration_rounds": [len(depth.energies) for depth in depths],
@@ -200,7 +202,7 @@ def _regions(settings: FitSettings) -> Mapping[str, NDArray[np.bool_]]:
 
 
 def _keep(context: Context, stages: Stages) -> None:
-    """Write the stages into the workdir, which the pipeline keeps on request."""
+    """Write the stages into the workdir: a contact sheet and every part."""
     folder = context.workdir
     save_png(folder / "contact_sheet.png", contact_sheet(stages))
     save_mesh(folder / "body.ply", stages.body)

@@ -15,9 +15,9 @@ import pytest
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
+from harness.geometry.sides import SidedRaycaster
 from methods.normals import (
     NormalChoice,
-    SidedRaycaster,
     ViewMaps,
     WorkingView,
     view_maps,

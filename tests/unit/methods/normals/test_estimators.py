@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import HarnessError, MethodError
-from methods.normals import NormalChoice, SidedRaycaster, view_maps, working_view
+from harness.geometry.sides import SidedRaycaster
+from methods.normals import NormalChoice, view_maps, working_view
 from methods.normals.view_maps import filled_normals
 
 

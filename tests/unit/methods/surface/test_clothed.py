@@ -16,9 +16,9 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.rigs import RingRig
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
+from harness.geometry.sides import SidedRaycaster
 from methods.econ import econ
 from methods.mexecon import mexecon2, mexecon8
-from methods.normals import SidedRaycaster
 from methods.surface import clothed
 from methods.surface.clothed import ClothedMethod
 from methods.surface.pinches import open_edges
@@ -88,13 +88,14 @@ def small(monkeypatch):
     return build
 
 
-def context(folder: Path) -> Context:
+def context(folder: Path, *, keep: bool = True) -> Context:
     truth = SidedRaycaster(figure())
     return Context(
         seed=0,
         workdir=folder,
         stage=lambda _: contextlib.nullcontext(),
         privileged={"oracle_normals": lambda camera, side="near": truth.normals(camera, side)},
+        keep=keep,
     )
 
 
@@ -113,8 +114,11 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
     assert open_edges(result.mesh) == 0
     assert result.mesh.signed_volume == pytest.approx(4 / 3 * np.pi * RADII.prod(), rel=0.06)
     assert distances_mm(result.mesh).mean() < 6.0
-    again = method.reconstruct(capture, context(tmp_path)).mesh
+    unseen = tmp_path / "unseen"
+    unseen.mkdir()
+    again = method.reconstruct(capture, context(unseen, keep=False)).mesh
     np.testing.assert_array_equal(again.vertices, result.mesh.vertices)
+    assert list(unseen.iterdir()) == []
     # What a person looks at afterwards.
     assert load_rgb(tmp_path / "contact_sheet.png").std() > 10
     assert {"front sheet", "back sheet"} <= set(result.details["part_faces"])  # type: ignore[arg-type]
@@ -135,7 +139,7 @@ def test_the_back_of_mexecon_is_made_of_the_back_view(small, capture, tmp_path):
             normals[there] = (0.0, 0.5**0.5, 0.5**0.5)
         return normals
 
-    wrong = Context(0, tmp_path, blind.stage, {"oracle_normals": flat_behind})
+    wrong = Context(0, tmp_path, blind.stage, {"oracle_normals": flat_behind}, keep=True)
     method.reconstruct(capture, wrong)
     front, back = (load_mesh(tmp_path / f"{side}_sheet.ply") for side in ("front", "back"))
     assert distances_mm(front).mean() < 8.0
