@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,7 @@ class TrueBody:
             with np.load(scan.body_path, allow_pickle=False) as file:
                 vertices, joints = file["vertices"], file["joints"]
                 names = tuple(str(name) for name in file["joint_names"])
-        except (KeyError, ValueError, OSError) as error:
+        except (KeyError, ValueError, OSError, BadZipFile) as error:
             raise DataError(f"{scan.body_path} is no true body", got=repr(error)) from error
         turn, shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
         return cls(vertices @ turn.T + shift, joints @ turn.T + shift, names)

@@ -17,12 +17,13 @@ from harness.core.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, Method
+from harness.core.settings import MetricProtocol
 from harness.core.workers import Progress, worker_main
 from harness.pipeline.body_scoring import TrueBody, body_metrics
 from harness.pipeline.cost import StageMeter
 from harness.pipeline.oracle_normals import OracleNormals
 from harness.pipeline.plan import resolve_method
-from harness.pipeline.region_scoring import labelled_faces, region_details
+from harness.pipeline.region_scoring import scored
 from harness.pipeline.sources import Source
 
 __all__ = ["handle"]
@@ -48,12 +49,12 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
         )
         result = method.reconstruct(capture, context)
     save_mesh(cell / "mesh.ply", result.mesh)
-    scored = _scored(result, (scan, truth), protocol, meter)
+    told = _told(result, (scan, truth), protocol, meter)
     if result.body:
         _save_body(cell / "body.npz", result.body)
         found = body_metrics(result.body, capture, truth, TrueBody.of(scan))
-        scored["metrics"] |= {name: value.to_dict() for name, value in found.items()}
-    return scored
+        told["metrics"] |= {name: value.to_dict() for name, value in found.items()}
+    return told
 
 
 @contextlib.contextmanager
@@ -78,12 +79,9 @@ def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, obje
     return lent
 
 
-def _scored(
-    result: Reconstruction, scanned: tuple[Scan, Mesh], protocol: object, meter: StageMeter
+def _told(
+    result: Reconstruction, scanned: tuple[Scan, Mesh], protocol: MetricProtocol, meter: StageMeter
 ) -> dict[str, Any]:
-    from metrics.score import score
-
-    scan, truth = scanned
     if not isinstance(result.mesh, Mesh):
         raise MethodError("the method returned no mesh", got=type(result.mesh).__name__)
     costs = [
@@ -95,17 +93,11 @@ def _scored(
         }
         for stage in meter.stages
     ]
-    regions = labelled_faces(scan, truth)
-    outcome = score(result.mesh, truth, protocol, keep_points=regions is not None)  # type: ignore[arg-type]
+    outcome, details = scored(result.mesh, *scanned, protocol)
     return {
         "metrics": {name: value.to_dict() for name, value in outcome.metrics.items()},
         "stages": costs,
-        "details": {
-            **dict(result.details),
-            "diagnostics": outcome.diagnostics,
-            "warnings": list(outcome.warnings),
-            **region_details(outcome, truth, regions),
-        },
+        "details": {**dict(result.details), **details},
     }
 
 

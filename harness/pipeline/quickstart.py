@@ -19,9 +19,6 @@ from harness.pipeline.workspace import Workspace
 __all__ = ["QuickstartResult", "quickstart"]
 
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
-#: The classical baseline and the ruler's self-test: minutes on two cores. The others fit a body to
-#: every subject first, and are named at the end with the command that adds them to the same tables.
-_METHODS = ("hull8", "gt")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +29,6 @@ class QuickstartResult:
         summary: All records.
         tables: The geometry and the cost table as Markdown.
         files: Tables in every format and the figures, as written.
-        more: The command that runs the other methods on the same subjects; empty if there are none.
         unavailable: Methods that could not be run and figures not drawn, with the reason.
     """
 
@@ -40,18 +36,20 @@ class QuickstartResult:
     tables: tuple[str, ...]
     files: tuple[Path, ...]
     unavailable: tuple[str, ...]
-    more: str
 
 
-def quickstart(manifest: Manifest, workspace: Workspace, progress: Progress) -> QuickstartResult:
-    """Make two avatars, photograph them, run the baseline and the ruler, and write tables."""
-    slower, unavailable = _other_methods()
+def quickstart(
+    manifest: Manifest, workspace: Workspace, progress: Progress, jobs: int
+) -> QuickstartResult:
+    """Make two avatars, photograph them, run every method that can be, and write tables."""
+    methods, unavailable = _available_methods()
     store = RunStore(workspace.run(_RUN))
     request = EvalRequest(
         source=Source.select(manifest, workspace, _SPLIT, (), _RECIPE),
-        methods=_METHODS,
+        methods=methods,
         protocol=manifest.protocol(_PROTOCOL),
         store=store,
+        jobs=jobs,
     )
     summary = evaluate(request, progress)
     # Only what was asked for now: the folder may hold cells of methods that are gone.
@@ -67,17 +65,15 @@ def quickstart(manifest: Manifest, workspace: Workspace, progress: Progress) -> 
     tables = tuple(
         build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
     )
-    where = f"--dataset {_SPLIT} --recipe {_RECIPE} --run {_RUN}"
-    more = f"harness eval --method {','.join(slower)} {where}" if slower else ""
-    return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn), more)
+    return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn))
 
 
-def _other_methods() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names beyond the quickstart's own that can be loaded here, and why others cannot."""
+def _available_methods() -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the methods that can be loaded here, and why others cannot."""
     from methods.catalog import METHODS
 
     available, unavailable = [], []
-    for name in (name for name in METHODS if name not in _METHODS):
+    for name in METHODS:
         try:
             METHODS.resolve(name)
         except HarnessError as error:

@@ -10,12 +10,32 @@ import numpy as np
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.core.settings import MetricProtocol
 
 if TYPE_CHECKING:
     from metrics.regions import FaceRegions
     from metrics.score import Score
 
-__all__ = ["labelled_faces", "region_details"]
+__all__ = ["labelled_faces", "region_details", "scored"]
+
+
+def scored(
+    predicted: Mesh, scan: Scan, truth: Mesh, protocol: MetricProtocol
+) -> tuple[Score, dict[str, object]]:
+    """A mesh's score against a scan, and what a record tells of it besides its metrics.
+
+    Raises:
+        DataError: a mesh that cannot be compared, or labels that are not the scan's.
+    """
+    from metrics.score import score
+
+    regions = labelled_faces(scan, truth)
+    outcome = score(predicted, truth, protocol, keep_points=regions is not None)
+    return outcome, {
+        "diagnostics": outcome.diagnostics,
+        "warnings": list(outcome.warnings),
+        **region_details(outcome, truth, regions),
+    }
 
 
 def labelled_faces(scan: Scan, truth: Mesh) -> FaceRegions | None:

@@ -17,6 +17,7 @@ from harness.data.manifest import Dataset, Manifest
 from harness.data.scans import load_scan
 from harness.pipeline.environment import environment, utc_now
 from harness.pipeline.progress import Progress
+from harness.pipeline.region_scoring import scored
 from harness.pipeline.store import RunStore
 
 if TYPE_CHECKING:
@@ -122,8 +123,6 @@ def _mesh_of(folder: Path, subject: str) -> Path | None:
 
 
 def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Record:
-    from metrics.score import score
-
     name, dataset, root, _ = request.dataset
     method: dict[str, object] = {
         "name": request.name,
@@ -144,9 +143,8 @@ def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> R
         else:
             scan, truth = load_scan(name, dataset, root, subject)
             identity = {"scan": scan.identity(), "mesh": file_sha256(path)}
-            outcome = score(load_mesh(path), truth, request.protocol)
+            outcome, details = scored(load_mesh(path), scan, truth, request.protocol)
             metrics = dict(outcome.metrics)
-            details = {"diagnostics": outcome.diagnostics, "warnings": list(outcome.warnings)}
     except HarnessError as error:
         status, reason = "failed", str(error)
     return Record(

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.artifacts import Reconstruction, Scan
+from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
-from harness.pipeline.cell_worker import _scored
-from harness.pipeline.cost import StageMeter
-from harness.pipeline.region_scoring import labelled_faces
+from harness.pipeline.region_scoring import labelled_faces, scored
 
 PROTOCOL = MetricProtocol("mexecon", 1, 500, "independent", "sample-to-sample")
 
@@ -38,12 +36,12 @@ def labelled(scan, tmp_path):
     return replace(scan, labels_path=write_labels(tmp_path / "labels.npz", [0, 0, 1, 1]))
 
 
-def scored(scan):
-    return _scored(Reconstruction(wall(0.02)), (scan, wall()), PROTOCOL, StageMeter())
+def details(scan):
+    return scored(wall(0.02), scan, wall(), PROTOCOL)[1]
 
 
 def test_a_record_tells_where_the_error_is(labelled):
-    regions = scored(labelled)["details"]["regions"]
+    regions = details(labelled)["regions"]
     assert list(regions) == ["head", "arms"]
     assert regions["arms"]["accuracy_mm"] == pytest.approx(20, abs=0.01)
     assert regions["head"]["completeness_mm"] < 1
@@ -51,9 +49,11 @@ def test_a_record_tells_where_the_error_is(labelled):
 
 
 def test_labels_change_no_other_number(scan, labelled):
-    with_labels, without = scored(labelled), scored(scan)
-    del with_labels["details"]["regions"]
-    assert with_labels == without
+    (found, told), (plain, told_without) = (
+        scored(wall(0.02), one, wall(), PROTOCOL) for one in (labelled, scan)
+    )
+    assert found.metrics == plain.metrics
+    assert {**told, "regions": None} == {**told_without, "regions": None}
 
 
 @pytest.mark.parametrize(
