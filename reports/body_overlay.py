@@ -40,7 +40,7 @@ def body_overlay(
         DataError: a photo that is not usable, or the file cannot be written.
     """
     cameras = capture.cameras[:_MOST_VIEWS]
-    frames = windows([(truth or bodies[0].mesh, camera) for camera in cameras])
+    frames = windows([(truth or bodies[0].mesh, camera) for camera in cameras], _PANEL_INCH)
     figure, axes = canvas((len(bodies), len(cameras)), frames[0], _PANEL_INCH)
     outlines = Raycaster(truth) if truth else None
     for row, body in zip(axes, bodies, strict=True):

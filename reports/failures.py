@@ -149,7 +149,11 @@ def failure_grid(rows: Sequence[FailureRow], path: Path, scale: ErrorScale) -> N
     casters = [Raycaster(row.truth) for row in rows]
     views = [_telling_view(row, caster) for row, caster in zip(rows, casters, strict=True)]
     frames = windows(
-        [(_together(row), row.capture.cameras[view]) for row, view in zip(rows, views, strict=True)]
+        [
+            (_together(row), row.capture.cameras[view])
+            for row, view in zip(rows, views, strict=True)
+        ],
+        _PANEL_INCH,
     )
     figure, axes = canvas((len(rows), 2 + len(titles[0])), frames[0], _PANEL_INCH)
     for axis, title in zip(axes[0], ["Photo", "Ground truth", *titles[0]], strict=True):

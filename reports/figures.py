@@ -82,7 +82,9 @@ def qualitative_grid(
     titles = [[method.title for method in subject.methods] for subject in subjects]
     if not titles or any(row != titles[0] for row in titles):
         raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
-    frames = windows([(s.truth, s.capture.cameras[view]) for s in subjects for view in views])
+    frames = windows(
+        [(s.truth, s.capture.cameras[view]) for s in subjects for view in views], _PANEL_INCH
+    )
     columns = 4 + 3 * len(titles[0])
     figure, axes = canvas((len(subjects), columns), frames[0], _PANEL_INCH)
     starts = [0, *range(2, columns - 2, 3), columns - 2]
@@ -146,7 +148,7 @@ def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -
     """
     count = len(capture.cameras)
     columns = min(columns, count)
-    frames = windows([(mesh, camera) for camera in capture.cameras])
+    frames = windows([(mesh, camera) for camera in capture.cameras], _OVERLAY_INCH)
     figure, axes = canvas((-(-count // columns), columns), frames[0], _OVERLAY_INCH)
     caster = Raycaster(mesh)
     for view, (axis, frame) in enumerate(zip(axes.flat, frames, strict=False)):

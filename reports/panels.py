@@ -36,21 +36,43 @@ _UNDATED: Mapping[str, dict[str, None]] = {
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A rectangle of a picture, in whole pixels; it may reach outside."""
+    """A rectangle of a picture, in whole pixels; it may reach outside.
+
+    Attributes:
+        most_height: What is taller is shown smaller: a panel has no more pixels than are printed.
+    """
 
     left: int
     top: int
     width: int
     height: int
+    most_height: int = 2**31
+
+    @property
+    def shown(self) -> tuple[int, int]:
+        """Width and height of what is shown of it, pixels."""
+        share = min(1.0, self.most_height / self.height)
+        return max(1, round(share * self.width)), max(1, round(share * self.height))
 
     def of_camera(self, camera: Camera, least_height: int = 1) -> Camera:
         """The camera of the window, enlarged by whole factors to at least some height in pixels."""
         cropped = camera.cropped(self.left, self.top, self.width, self.height)
-        factor = -(-least_height // self.height)
-        return cropped.resized(self.width * factor, self.height * factor)
+        width, height = self.shown
+        factor = -(-min(least_height, self.most_height) // height)
+        return cropped.resized(width * factor, height * factor)
 
     def of_image(self, image: Floats) -> Floats:
         """The window of an image (H, W, 3), white where it reaches outside."""
+        from PIL import Image
+
+        whole = self._cut_out(image)
+        if self.shown == (self.width, self.height):
+            return whole
+        channels = [Image.fromarray(whole[..., k].astype(np.float32)) for k in range(3)]
+        small = [one.resize(self.shown, Image.Resampling.BOX) for one in channels]
+        return np.dstack([np.asarray(one, dtype=np.float64) for one in small])
+
+    def _cut_out(self, image: Floats) -> Floats:
         inside = np.ones((self.height, self.width, image.shape[2]))
         top, left = max(self.top, 0), max(self.left, 0)
         part = image[top : max(self.top + self.height, 0), left : max(self.left + self.width, 0)]
@@ -59,8 +81,13 @@ class Window:
         return inside
 
 
-def windows(scenes: Sequence[tuple[Mesh, Camera]]) -> list[Window]:
-    """A window round the mesh of each scene, all of one size so that all have one scale."""
+def windows(scenes: Sequence[tuple[Mesh, Camera]], panel_inch: float) -> list[Window]:
+    """A window round the mesh of each scene, all of one size so that all have one scale.
+
+    Args:
+        scenes: Meshes, world metres, and who looks at them.
+        panel_inch: Height at which they are printed.
+    """
     boxes = [screen_rectangle(mesh.vertices, camera) for mesh, camera in scenes]
     border = round(_MARGIN * max(box.height for box in boxes))
     # At least one pixel, for a mesh that is in no picture at all.
@@ -72,6 +99,7 @@ def windows(scenes: Sequence[tuple[Mesh, Camera]]) -> list[Window]:
             top=box.top + (box.height - height) // 2,
             width=width,
             height=height,
+            most_height=round(panel_inch * _DPI),
         )
         for box in boxes
     ]

@@ -93,7 +93,7 @@ def test_an_error_scale_needs_a_range():
 
 def test_windows_have_one_size_and_hold_their_mesh(capture):
     meshes = [ball(0.3), ball(0.5, shift=(0.05, 0.1, 0.0))]
-    frames = windows([(mesh, capture.cameras[0]) for mesh in meshes])
+    frames = windows([(mesh, capture.cameras[0]) for mesh in meshes], panel_inch=3.0)
     assert len({(frame.width, frame.height) for frame in frames}) == 1
     for mesh, frame in zip(meshes, frames, strict=True):
         whole = Raycaster(mesh).mask(capture.cameras[0]).sum()
@@ -116,6 +116,21 @@ def test_a_small_photo_still_gets_a_sharp_mesh(capture):
     window = Window(10, 10, 30, 40)
     camera = window.of_camera(capture.cameras[0], least_height=100)
     assert (camera.width, camera.height) == (90, 120)
+
+
+def test_a_large_photo_is_shown_as_small_as_it_is_printed_and_its_mesh_with_it(capture):
+    mesh = ball(0.45)
+    window = windows([(mesh, capture.cameras[0])], panel_inch=0.2)[0]
+    camera, image = window.of_camera(capture.cameras[0]), window.of_image(photo(capture, 0))
+    assert image.shape == (30, camera.width, 3)
+    assert camera.height == 30 < window.height
+    photographed, seen = image.mean(axis=2) < 0.95, Raycaster(mesh).mask(camera)
+    centres = [np.argwhere(inside).mean(axis=0) for inside in (photographed, seen)]
+    full = np.argwhere(Raycaster(mesh).mask(capture.cameras[0])).mean(axis=0) + 0.5
+    share = camera.height / window.height
+    expected = share * (full - (window.top, window.left)) - 0.5
+    np.testing.assert_allclose(centres[1], expected, atol=0.3)
+    np.testing.assert_allclose(centres[0], expected, atol=1.0)
 
 
 @pytest.mark.slow
