@@ -11,6 +11,7 @@ from harness.cli.options import Json, ManifestPath, Run, Subjects, WorkspacePath
 from harness.core.errors import HarnessError, did_you_mean
 
 if TYPE_CHECKING:
+    from harness.core.records import Record
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
 
@@ -26,7 +27,7 @@ def report(
     ] = "markdown",
     run: Run = None,
     method: Annotated[
-        str, typer.Option("--method", help="Rows in this order. Default: all methods.")
+        str, typer.Option("--method", help="These methods, in this order. Default: all.")
     ] = "",
     subjects: Subjects = "",
     interval: Annotated[
@@ -50,14 +51,15 @@ def report(
 ) -> None:
     """Print a table of a run's records, or draw a figure of its meshes."""
     from harness.core.files import write_text
-    from harness.pipeline.reporting import ReportRequest, build_table
+    from harness.pipeline.reporting import ReportRequest, build_table, in_order
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
 
     place = Workspace.default(workspace)
     store = RunStore.existing(place, run)
     if figure:
-        print(_draw(figure, store, place, manifest, split_names(subjects), output))
+        records = in_order(store.records(), split_names(method))
+        print(_draw(figure, (store, records), (place, manifest), split_names(subjects), output))
         return
     request = ReportRequest(
         table=table,
@@ -77,9 +79,8 @@ def report(
 
 def _draw(
     figure: str,
-    store: RunStore,
-    place: Workspace,
-    manifest: Path | None,
+    run: tuple[RunStore, list[Record]],
+    where: tuple[Workspace, Path | None],
     subjects: tuple[str, ...],
     output: Path | None,
 ) -> Path:
@@ -89,7 +90,7 @@ def _draw(
 
     if figure not in FIGURES:
         raise HarnessError(f"unknown figure '{figure}'", hint=did_you_mean(figure, FIGURES))
-    records = store.records()
+    (store, records), (place, manifest) = run, where
     photographed = [record for record in records if record.recipe]
     if not photographed:
         raise HarnessError(f"{store.directory} has no record of photos", hint="Run 'harness eval'")

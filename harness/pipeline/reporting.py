@@ -19,7 +19,7 @@ from reports.markdown import to_markdown
 from reports.regions import regions_table
 from reports.tables import Table
 
-__all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "write_tables"]
+__all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "in_order", "write_tables"]
 
 T = TypeVar("T")
 
@@ -103,6 +103,20 @@ def _table(records: Sequence[Record], request: ReportRequest) -> Table:
         interval=_bootstrap if request.interval else None,
         published=request.published,
     )
+
+
+def in_order(records: Sequence[Record], methods: tuple[str, ...]) -> list[Record]:
+    """The records of some methods in their order; of all methods, in the catalogue's, if empty.
+
+    Raises:
+        HarnessError: a method without a record.
+    """
+    present = dict.fromkeys(record.method_name for record in records)
+    for name in methods:
+        if name not in present:
+            raise HarnessError(f"no record of method '{name}'", hint=did_you_mean(name, present))
+    order = methods or _catalogue_order(records)
+    return [record for name in order for record in records if record.method_name == name]
 
 
 def _known(kind: str, name: str, known: Mapping[str, T]) -> T:

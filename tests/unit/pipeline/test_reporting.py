@@ -7,7 +7,14 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.pipeline.reporting import FORMATS, TABLES, ReportRequest, build_table, write_tables
+from harness.pipeline.reporting import (
+    FORMATS,
+    TABLES,
+    ReportRequest,
+    build_table,
+    in_order,
+    write_tables,
+)
 from harness.pipeline.store import RunStore
 
 RECORDS = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
@@ -82,3 +89,11 @@ def test_all_tables_are_written(tmp_path):
     stored = (tmp_path / "geometry.tex").read_text(encoding="utf-8")
     assert stored == build_table(RECORDS, ReportRequest(format="latex"))
     assert "Without errors by region" in (tmp_path / "regions.md").read_text(encoding="utf-8")
+
+
+def test_figures_take_the_methods_asked_for_in_their_order():
+    chosen = in_order(RECORDS, ("gt", "hull8"))
+    assert list(dict.fromkeys(record.method_name for record in chosen)) == ["gt", "hull8"]
+    assert len(in_order(RECORDS, ())) == len(RECORDS)
+    with pytest.raises(HarnessError, match="hull8"):
+        in_order(RECORDS, ("hull9",))
