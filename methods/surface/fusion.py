@@ -18,7 +18,7 @@ from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
 from methods.surface.pinches import open_edges, without_pinches
 
-__all__ = ["FusionParameters", "concatenated", "fused"]
+__all__ = ["FusionParameters", "concatenated", "fused", "largest_component", "one_piece"]
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class FusionParameters:
 
 
 def fused(parts: Sequence[Mesh], parameters: FusionParameters | None = None) -> Mesh:
-    """One watertight, outward-facing mesh through the vertices of all parts, world metres.
+    """One watertight, outward-facing mesh of one piece through the vertices of all parts, world metres.
 
     Args:
         parts: Surfaces that face outwards, open or closed.
@@ -59,10 +59,16 @@ def fused(parts: Sequence[Mesh], parameters: FusionParameters | None = None) -> 
         MethodError: the result is not closed, not consistently oriented, or encloses nothing.
     """
     rules = parameters or FusionParameters()
-    mesh, _ = without_pinches(largest_component(_poisson(concatenated(parts), rules.depth)))
+    mesh = one_piece(_poisson(concatenated(parts), rules.depth))
     if rules.faces and len(mesh.faces) > rules.faces:
-        mesh, _ = without_pinches(largest_component(_decimated(mesh, rules.faces)))
+        mesh = one_piece(_decimated(mesh, rules.faces))
     return _closed(mesh)
+
+
+def one_piece(mesh: Mesh) -> Mesh:
+    """The largest piece of a closed surface, cut apart where its folds touch."""
+    # Twice: a crumb that hung on by a fin without thickness is a piece of its own without it.
+    return largest_component(without_pinches(largest_component(mesh))[0])
 
 
 def concatenated(parts: Sequence[Mesh]) -> Mesh:

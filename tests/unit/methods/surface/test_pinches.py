@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from methods.surface.fusion import largest_component
+from methods.surface.fusion import largest_component, one_piece
 from methods.surface.pinches import open_edges, without_pinches
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -74,3 +74,14 @@ def test_the_largest_piece_is_kept_whole(cube):
     kept = largest_component(small)
     assert len(kept.faces) == 12
     np.testing.assert_allclose(kept.extent, cube.extent)
+
+
+def test_a_crumb_that_hung_on_by_a_fin_goes_with_it(cube):
+    crumb, fin = FACES + 8, np.array([[0, 1, 8], [1, 0, 8]])
+    together = Mesh(
+        np.concatenate([CORNERS, 0.1 * CORNERS + 2]), np.concatenate([FACES, crumb, fin])
+    )
+    assert len(largest_component(together).faces) == len(together.faces)
+    piece = one_piece(together)
+    assert open_edges(piece) == 0
+    assert piece.signed_volume == pytest.approx(cube.signed_volume)
