@@ -49,7 +49,7 @@ class FusionParameters:
 
 
 def fused(parts: Sequence[Mesh], parameters: FusionParameters | None = None) -> Mesh:
-    """One watertight, outward-facing mesh of one piece through the vertices of all parts, world metres.
+    """One closed, outward-facing piece through the vertices of all parts, world metres.
 
     Args:
         parts: Surfaces that face outwards, open or closed.
