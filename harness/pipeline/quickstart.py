@@ -11,7 +11,7 @@ from harness.pipeline.evaluate import EvalSummary, evaluate
 from harness.pipeline.pictures import FIGURES
 from harness.pipeline.plan import EvalRequest
 from harness.pipeline.progress import Progress
-from harness.pipeline.reporting import ReportRequest, build_table, write_tables
+from harness.pipeline.reporting import ReportRequest, build_table, in_order, write_tables
 from harness.pipeline.sources import Source
 from harness.pipeline.store import RunStore
 from harness.pipeline.workspace import Workspace
@@ -19,6 +19,10 @@ from harness.pipeline.workspace import Workspace
 __all__ = ["QuickstartResult", "quickstart"]
 
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
+
+#: Methods in the figures: all of them side by side would be too small to see.
+_DRAWN = ("hull8", "econ", "mexecon2", "mexecon8")
+_DRAWN_BODIES = ("body-front", "body-average", "jmbo8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +62,10 @@ def quickstart(
     files = write_tables(records, folder)
     figures, undrawn = [], []
     for name, draw in FIGURES.items():
+        drawn = _DRAWN_BODIES if name == "bodies" else _DRAWN
+        shown = in_order(records, tuple(method for method in drawn if method in methods))
         try:
-            figures.append(draw(store, request.source, records, folder / f"{name}.png"))
+            figures.append(draw(store, request.source, shown, folder / f"{name}.png"))
         except HarnessError as error:
             undrawn.append(f"figure {name}: {error}")
     tables = tuple(
