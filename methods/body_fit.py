@@ -30,6 +30,7 @@ __all__ = [
     "FitSettings",
     "body_average",
     "body_front",
+    "body_model",
     "jmbo8",
     "jmbo8_no_head",
     "jmbo8_paper",
@@ -116,7 +117,7 @@ class BodyFit:
         with context.stage("landmarks"):
             views = load_views(capture, wanted, self.settings.subject_px, normals)
         with context.stage("body model"):
-            body = _body(self.settings)
+            body = body_model(self.settings)
         with _one_thread():
             parameters, details = self._fit(body, views, context)
         return _reconstruction(body, parameters, {**_said(views), **details})
@@ -160,7 +161,8 @@ class BodyFit:
         return fit.parameters, details
 
 
-def _body(settings: FitSettings) -> ParametricBody:
+def body_model(settings: FitSettings) -> ParametricBody:
+    """The body that some settings name, loaded."""
     if settings.body == "smplx":
         from methods.body.smplx_body import SmplxBody
 

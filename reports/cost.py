@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from harness.core.artifacts import StageCost
 from harness.core.records import Record
@@ -54,14 +55,10 @@ def cost_table(
 
 def _row(group: Group, of: int, interval: Interval | None) -> Row:
     names = dict.fromkeys(stage.name for record in group.ok for stage in record.stages)
-    return Row(
-        method=group.method,
-        title=group.title,
-        n=len(group.ok),
-        of=of,
-        cells=_cells(group.ok, lambda _: True, interval),
-        notes=group.notes,
-        privileges=group.privileges,
+    return replace(
+        group.row(of, _cells(group.ok, lambda _: True, interval)),
+        # What was given changes nothing about what it cost.
+        competes=True,
         stages=tuple(
             Stage(name, _cells(group.ok, lambda stage, name=name: stage.name == name, interval))
             for name in names

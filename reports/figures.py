@@ -18,7 +18,7 @@ from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
-from reports.panels import Window, canvas, on_white, photo, save, show, windows
+from reports.panels import Window, blended, canvas, on_white, photo, save, show, windows
 from reports.shading import ErrorScale, heat, shaded
 
 __all__ = ["MethodMesh", "SubjectPanels", "colour_bar", "overlay_figure", "qualitative_grid"]
@@ -153,14 +153,8 @@ def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -
     caster = Raycaster(mesh)
     for view, (axis, frame) in enumerate(zip(axes.flat, frames, strict=False)):
         clay = shaded(caster, frame.of_camera(capture.cameras[view]))
-        show(axis, _blended(frame.of_image(photo(capture, view)), clay))
+        show(axis, blended(frame.of_image(photo(capture, view)), clay, _FILL))
         if clay[..., 3].min() < 0.5 < clay[..., 3].max():
             axis.contour(clay[..., 3], levels=[0.5], colors=_OUTLINE, linewidths=0.7)
         axis.set_title(f"{capture.subject}, view {view}", fontsize=9)
     save(figure, path)
-
-
-def _blended(image: Floats, clay: Floats) -> Floats:
-    """An image (H, W, 3) with a shaded mesh (H, W, 4) laid half transparent over it."""
-    fill = _FILL * clay[..., 3:]
-    return image * (1.0 - fill) + clay[..., :3] * fill

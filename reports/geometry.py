@@ -65,16 +65,7 @@ def _column(metric: str) -> Column:
 
 
 def _row(group: Group, of: int, interval: Interval | None) -> Row:
-    return Row(
-        method=group.method,
-        title=group.title,
-        n=len(group.ok),
-        of=of,
-        cells=_cells(group.ok, interval) if group.ok else {},
-        notes=group.notes,
-        privileges=group.privileges,
-        competes=group.competes,
-    )
+    return group.row(of, _cells(group.ok, interval) if group.ok else {})
 
 
 def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:

@@ -81,16 +81,7 @@ def _column(metric: str) -> Column:
 
 
 def _row(group: Group, of: int, interval: Interval | None) -> Row:
-    return Row(
-        method=group.method,
-        title=group.title,
-        n=len(group.ok),
-        of=of,
-        cells=_cells(group.ok, interval),
-        notes=group.notes,
-        privileges=group.privileges,
-        competes=group.competes,
-    )
+    return group.row(of, _cells(group.ok, interval))
 
 
 def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:

@@ -15,10 +15,10 @@ from harness.core.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.files import atomic_path
 from harness.core.mesh import Mesh
-from harness.geometry.images import composite, load_rgba
+from harness.geometry.images import composite, load_rgba, resampled
 from harness.geometry.screen import screen_rectangle
 
-__all__ = ["Window", "canvas", "on_white", "photo", "save", "show", "windows"]
+__all__ = ["Window", "blended", "canvas", "on_white", "photo", "save", "show", "windows"]
 
 Floats = NDArray[np.float64]
 
@@ -63,14 +63,10 @@ class Window:
 
     def of_image(self, image: Floats) -> Floats:
         """The window of an image (H, W, 3), white where it reaches outside."""
-        from PIL import Image
-
         whole = self._cut_out(image)
         if self.shown == (self.width, self.height):
             return whole
-        channels = [Image.fromarray(whole[..., k].astype(np.float32)) for k in range(3)]
-        small = [one.resize(self.shown, Image.Resampling.BOX) for one in channels]
-        return np.dstack([np.asarray(one, dtype=np.float64) for one in small])
+        return resampled(whole, self.shown, "box")
 
     def _cut_out(self, image: Floats) -> Floats:
         inside = np.ones((self.height, self.width, image.shape[2]))
@@ -119,6 +115,14 @@ def photo(capture: Capture, view: int) -> Floats:
 def on_white(rgba: Floats) -> Floats:
     """(H, W, 3) of an image (H, W, 4) in [0, 1]."""
     return rgba[..., :3] * rgba[..., 3:] + (1.0 - rgba[..., 3:])
+
+
+def blended(
+    image: Floats, clay: Floats, fill: float, tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> Floats:
+    """An image (H, W, 3) with a shaded mesh (H, W, 4), tinted, over it; ``fill`` is its opacity."""
+    opacity = fill * clay[..., 3:]
+    return image * (1.0 - opacity) + clay[..., :3] * tint * opacity
 
 
 def canvas(shape: tuple[int, int], window: Window, panel_inch: float) -> tuple[Any, Any]:

@@ -164,16 +164,7 @@ def _row(group: Group, of: int, interval: Interval | None) -> Row:
             values = [value for value in found if value is not None]
             if values:
                 cells[f"{measure.id}_{column.id}"] = mean_cell(values, interval)
-    return Row(
-        method=group.method,
-        title=group.title,
-        n=len(group.ok),
-        of=of,
-        cells=cells,
-        notes=group.notes,
-        privileges=group.privileges,
-        competes=group.competes,
-    )
+    return group.row(of, cells)
 
 
 def _pooled(record: Record, group: RegionGroup, measure: _Measure) -> float | None:

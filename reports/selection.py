@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.hashing import canonical_json
 from harness.core.records import Record
+from reports.tables import Cell, Row
 
 __all__ = ["Group", "Selection", "check_comparable", "select"]
 
@@ -41,6 +42,19 @@ class Group:
     notes: tuple[str, ...]
     privileges: tuple[str, ...]
     competes: bool
+
+    def row(self, of: int, cells: Mapping[str, Cell]) -> Row:
+        """The method's row of a table over ``of`` subjects."""
+        return Row(
+            method=self.method,
+            title=self.title,
+            n=len(self.ok),
+            of=of,
+            cells=cells,
+            notes=self.notes,
+            privileges=self.privileges,
+            competes=self.competes,
+        )
 
 
 @dataclass(frozen=True, slots=True)

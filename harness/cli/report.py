@@ -11,7 +11,10 @@ from harness.cli.options import Json, ManifestPath, Run, Subjects, WorkspacePath
 from harness.core.errors import HarnessError, did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from harness.core.records import Record
+    from harness.pipeline.sources import Source
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
 
@@ -58,8 +61,10 @@ def report(
     place = Workspace.default(workspace)
     store = RunStore.existing(place, run)
     if figure:
+        draw = _figure(figure)
         records = in_order(store.records(), split_names(method))
-        print(_draw(figure, (store, records), (place, manifest), split_names(subjects), output))
+        source = _source(store, records, place, manifest, split_names(subjects))
+        print(draw(store, source, records, output or store.directory / f"{figure}.png"))
         return
     request = ReportRequest(
         table=table,
@@ -77,24 +82,28 @@ def report(
         print(output)
 
 
-def _draw(
-    figure: str,
-    run: tuple[RunStore, list[Record]],
-    where: tuple[Workspace, Path | None],
-    subjects: tuple[str, ...],
-    output: Path | None,
-) -> Path:
-    from harness.data.manifest import load_manifest
+def _figure(name: str) -> Callable[[RunStore, Source, Sequence[Record], Path], Path]:
     from harness.pipeline.pictures import FIGURES
+
+    if name not in FIGURES:
+        raise HarnessError(f"unknown figure '{name}'", hint=did_you_mean(name, FIGURES))
+    return FIGURES[name]
+
+
+def _source(
+    store: RunStore,
+    records: Sequence[Record],
+    place: Workspace,
+    manifest: Path | None,
+    subjects: tuple[str, ...],
+) -> Source:
+    """The photographed subjects of some records, or those asked for."""
+    from harness.data.manifest import load_manifest
     from harness.pipeline.sources import Source
 
-    if figure not in FIGURES:
-        raise HarnessError(f"unknown figure '{figure}'", hint=did_you_mean(figure, FIGURES))
-    (store, records), (place, manifest) = run, where
     photographed = [record for record in records if record.recipe]
     if not photographed:
         raise HarnessError(f"{store.directory} has no record of photos", hint="Run 'harness eval'")
     first = photographed[0]
     chosen = subjects or tuple(dict.fromkeys(record.subject for record in photographed))
-    source = Source.select(load_manifest(manifest), place, first.dataset, chosen, first.recipe)
-    return FIGURES[figure](store, source, records, output or store.directory / f"{figure}.png")
+    return Source.select(load_manifest(manifest), place, first.dataset, chosen, first.recipe)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ __all__ = [
     "load_mask",
     "load_rgb",
     "load_rgba",
+    "resampled",
     "save_png",
     "srgb_from_linear",
 ]
@@ -138,6 +139,22 @@ def composite(rgba: Bytes, background: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
     colour = rgba[..., :3] / 255.0
     alpha = rgba[..., 3:] / 255.0
     return colour * alpha + np.asarray(background, dtype=np.float64) * (1.0 - alpha)
+
+
+def resampled(image: Floats, size: tuple[int, int], kernel: Literal["box", "bilinear"]) -> Floats:
+    """An image (H, W) or (H, W, C) at another size (width, height), in float32's precision.
+
+    Made smaller, each new pixel is the mean of all that it covers: ``box`` of those alone,
+    ``bilinear`` weighted, and a little beyond.
+    """
+    from PIL import Image
+
+    filters = {"box": Image.Resampling.BOX, "bilinear": Image.Resampling.BILINEAR}
+    channels = [
+        np.asarray(Image.fromarray(channel).resize(size, filters[kernel]), dtype=np.float64)
+        for channel in np.moveaxis(np.atleast_3d(image).astype(np.float32), -1, 0)
+    ]
+    return np.stack(channels, axis=-1) if image.ndim == 3 else channels[0]
 
 
 def linear_from_srgb(colour: ArrayLike) -> Floats:

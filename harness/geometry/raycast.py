@@ -166,6 +166,11 @@ class Raycaster:
         seen[inside] = (1.0 - t) * distance <= tolerance_m
         return seen
 
+    def answer(self, origins_world: Floats, directions_world: Floats) -> Any:
+        """Open3D's answer to rays (N, 3), (N, 3) from anywhere, world metres."""
+        rays = np.concatenate([origins_world - self._centre, directions_world], axis=1)
+        return self._scene.cast_rays(self._tensor(rays.astype(np.float32)))
+
     def window(self, camera: Camera) -> Rectangle:
         """The window of pixels in which the mesh lies."""
         return screen_rectangle(self._used, camera)

@@ -29,8 +29,6 @@ class SidedRaycaster:
 
     def __init__(self, mesh: Mesh) -> None:
         self._near = Raycaster(mesh)
-        self._centre = mesh.bounds.mean(axis=0)
-        self._scene: Any = None
 
     def cast(self, camera: Camera, side: Side) -> Hits:
         """The first or the last hit of every pixel's central ray.
@@ -63,7 +61,7 @@ class SidedRaycaster:
         directions = camera.ray_directions(camera.pixel_centres()[rows, columns].reshape(-1, 2))
         vertices = self._near.mesh.vertices
         end_m = float(camera.project(vertices)[1].max()) + _BEHIND_M
-        answer = self._answer(camera.position + end_m * directions, -directions)
+        answer = self._near.answer(camera.position + end_m * directions, -directions)
         t = answer["t_hit"].numpy().reshape(window.height, window.width)
         met = np.isfinite(t)
         # Directions have unit depth, so the ray's parameter counts depth from its far end.
@@ -74,20 +72,6 @@ class SidedRaycaster:
         weights = np.column_stack([1.0 - second_third.sum(axis=1), second_third])
         barycentric[rows, columns][met] = weights
         return hits
-
-    def _answer(self, origins_world: Floats, directions_world: Floats) -> Any:
-        import open3d as o3d
-
-        tensor: Any = o3d.core.Tensor
-        if self._scene is None:
-            mesh = self._near.mesh
-            self._scene = o3d.t.geometry.RaycastingScene()
-            self._scene.add_triangles(
-                tensor((mesh.vertices - self._centre).astype(np.float32)),
-                tensor(mesh.faces.astype(np.uint32)),
-            )
-        rays = np.concatenate([origins_world - self._centre, directions_world], axis=1)
-        return self._scene.cast_rays(tensor(rays.astype(np.float32)))
 
 
 def _image(answer: Any, like: NDArray[Any]) -> NDArray[Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
-from harness.geometry.images import load_mask
+from harness.geometry.images import load_mask, resampled
 from methods.body.detection import Detections, detect
 
 __all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
@@ -139,15 +139,7 @@ def _working_view(
     return View(
         index=index,
         camera=working,
-        coverage=_shrunk(coverage, width, height),
+        coverage=resampled(coverage, (width, height), "box"),
         side_px=side * width / camera.width,
         normals_camera=None if normals is None else normals(working),
     )
-
-
-def _shrunk(coverage: Floats, width: int, height: int) -> Floats:
-    """Coverage averaged over larger pixels."""
-    from PIL import Image
-
-    image = Image.fromarray(coverage.astype(np.float32))
-    return np.asarray(image.resize((width, height), Image.Resampling.BOX), dtype=np.float64)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
-from harness.geometry.images import composite, load_rgba
+from harness.geometry.images import composite, load_rgba, resampled
 
 __all__ = ["WorkingView", "working_view"]
 
@@ -58,8 +58,9 @@ def working_view(capture: Capture, index: int, resolution: int) -> WorkingView:
     left, top, side = _square(inside)
     size = min(resolution, side)
     window = camera.cropped(left, top, side, side).resized(size, size)
-    colour = _resampled(_cut(composite(rgba), left, top, side), size)
-    coverage = _resampled(_cut(rgba[..., 3:] / 255.0, left, top, side), size)[..., 0]
+    colour = resampled(_cut(composite(rgba), left, top, side), (size, size), "bilinear")
+    alpha = _cut(rgba[..., 3:] / 255.0, left, top, side)[..., 0]
+    coverage = resampled(alpha, (size, size), "bilinear")
     mask = coverage >= 0.5
     return WorkingView(index, window, colour * mask[..., None], mask)
 
@@ -83,14 +84,3 @@ def _cut(image: Floats, left: int, top: int, side: int) -> Floats:
         rows, columns
     ]
     return square
-
-
-def _resampled(image: Floats, size: int) -> Floats:
-    """(size, size, C): each new pixel the weighted mean of all that it covers."""
-    from PIL import Image
-
-    channels = [
-        Image.fromarray(channel.astype(np.float32)).resize((size, size), Image.Resampling.BILINEAR)
-        for channel in np.moveaxis(image, -1, 0)
-    ]
-    return np.stack([np.asarray(channel, dtype=np.float64) for channel in channels], axis=-1)

@@ -21,7 +21,7 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
 from harness.geometry.images import save_png
 from harness.geometry.sides import SidedRaycaster
-from methods.body_fit import BodyFit, FitSettings
+from methods.body_fit import BodyFit, FitSettings, body_model
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import BodyPrior, FrontBackDepth, integrate_front_back
@@ -192,13 +192,7 @@ def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> Me
 
 def _regions(settings: FitSettings) -> Mapping[str, NDArray[np.bool_]]:
     """The masks ``hands``, ``face`` and ``eyeballs`` (V,) of the fitted body's model."""
-    if settings.body == "smplx":
-        from methods.body.smplx_body import SmplxBody
-
-        return SmplxBody(settings.smplx_model).regions
-    from methods.body.anny_body import AnnyBody
-
-    return AnnyBody().regions
+    return body_model(settings).regions
 
 
 def _keep(context: Context, stages: Stages) -> None:

@@ -11,6 +11,7 @@ from harness.geometry.images import (
     load_mask,
     load_rgb,
     load_rgba,
+    resampled,
     save_png,
     srgb_from_linear,
 )
@@ -90,3 +91,12 @@ def test_srgb_and_linear_are_inverse_and_meet_known_values():
     assert srgb_from_linear(linear_from_srgb(values)) == pytest.approx(values, abs=1e-12)
     assert linear_from_srgb(0.5) == pytest.approx(0.21404, abs=1e-5)
     assert srgb_from_linear(0.18) == pytest.approx(0.46136, abs=1e-5)
+
+
+def test_a_smaller_image_has_the_means_of_what_its_pixels_cover():
+    image = np.arange(48, dtype=float).reshape(4, 6, 2)
+    small = resampled(image, (3, 2), "box")
+    np.testing.assert_allclose(small, image.reshape(2, 2, 3, 2, 2).mean(axis=(1, 3)))
+    np.testing.assert_array_equal(resampled(image[..., 1], (3, 2), "box"), small[..., 1])
+    even = np.full((8, 8), 0.25)
+    np.testing.assert_allclose(resampled(even, (3, 3), "bilinear"), 0.25)
