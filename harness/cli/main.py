@@ -11,7 +11,7 @@ import sys
 
 import typer
 
-from harness.cli import check, data, doctor, evaluate, quickstart, render, report, score
+from harness.cli import check, data, doctor, evaluate, quickstart, render, report, score, weights
 from harness.core.errors import HarnessError
 
 __all__ = ["app", "main"]
@@ -33,6 +33,7 @@ app.command("eval")(evaluate.evaluate)
 app.command("score")(score.score)
 app.command("report")(report.report)
 app.command("check")(check.check)
+app.add_typer(weights.app, name="weights")
 
 
 def main() -> None:

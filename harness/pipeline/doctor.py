@@ -41,6 +41,7 @@ _MODULES = (
     ("anny", "anny", "bodies of generated avatars"),
     ("bpy", "bpy", "Blender, the renderer"),
     ("mediapipe", "mediapipe", "2-D landmarks"),
+    ("onnxruntime", "onnxruntime", "normal networks"),
     ("pandas", "pandas", "tables"),
     ("matplotlib", "matplotlib", "figures"),
 )
@@ -53,7 +54,8 @@ class Finding:
     """One thing that was looked at.
 
     Attributes:
-        kind: ``system``, ``package``, ``device``, ``dataset``, ``method`` or ``renderer``.
+        kind: ``system``, ``package``, ``device``, ``network``, ``dataset``, ``method`` or
+            ``renderer``.
         name: What it is.
         usable: Whether it can be used.
         needed: Whether the out-of-the-box pipeline needs it.
@@ -81,6 +83,7 @@ def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
     yield _disk(workspace)
     yield from (_module(*entry) for entry in _MODULES)
     yield from _devices()
+    yield _open_network()
     yield from _catalogued()
     yield from (_dataset(manifest, workspace, name) for name in manifest.datasets)
 
@@ -154,6 +157,22 @@ def _devices() -> Iterator[Finding]:
     )  # fmt: skip
 
 
+def _open_network() -> Finding:
+    from methods.catalog import METHODS
+    from methods.normals import installed
+
+    try:
+        needed = METHODS.resolve("econ").settings.normals == "open"
+    except HarnessError:
+        needed = False  # econ's own finding says why it cannot be loaded
+    try:
+        found = installed.find(installed.OPEN_NETWORK, installed.shipped_place())
+    except HarnessError as error:
+        return Finding("network", installed.OPEN_NETWORK, False, needed, error.what, error.hint)
+    note = f"{found.bytes / 2**20:.1f} MiB, {found.licence}, trained on {found.training_set}"
+    return Finding("network", found.name, True, needed, f"{note}, sha256 {found.sha256[:12]}")
+
+
 def _catalogued() -> Iterator[Finding]:
     from methods.catalog import METHODS
     from renderers.catalog import RENDERERS
@@ -161,11 +180,11 @@ def _catalogued() -> Iterator[Finding]:
     for kind, registry in (("renderer", RENDERERS), ("method", METHODS)):
         for name in registry:
             try:
-                found = registry.resolve(name)
+                # Methods tell their parts only if these are there.
+                info = getattr(registry.resolve(name), "info", None)
             except HarnessError as error:
                 yield Finding(kind, name, False, False, error.what, error.hint)
                 continue
-            info = getattr(found, "info", None)
             parts = ", ".join(part.name for part in info.parts) if info else ""
             yield Finding(
                 kind,

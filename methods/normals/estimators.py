@@ -1,4 +1,4 @@
-"""Who turns a photo into clothed normals: the body itself, the scan, or a network.
+"""Who turns a photo into clothed normals: the body itself, the scan, or a network (ours or yours).
 
 Each is a ``harness.core.protocols.NormalEstimator``: (rgb, mask, body front, body back) to clothed
 front and back normals on the same pixels, x right, y up, z towards the viewer.
@@ -6,7 +6,6 @@ front and back normals on the same pixels, x right, y up, z towards the viewer.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.camera import Camera
-from harness.core.errors import HarnessError, MethodError, MissingPart
+from harness.core.errors import HarnessError, MethodError
 from harness.core.protocols import NormalEstimator, Part
+from methods.normals import installed
 from methods.normals.onnx_estimator import OnnxNormals
 
 __all__ = ["BodyNormals", "NormalChoice", "OracleNormals"]
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
 
-_KINDS = ("body", "oracle", "onnx")
+_KINDS = ("body", "oracle", "open", "onnx")
 _PRIVILEGE = "oracle_normals"
 
 
@@ -73,11 +73,12 @@ class NormalChoice:
     """Which estimator a method runs with, told before anything is loaded.
 
     Attributes:
-        kind: ``body``, ``oracle`` or ``onnx``.
-        model: The network's file, for ``onnx``.
+        kind: ``body``, ``oracle``, ``open`` (the network that is shipped) or ``onnx`` (another).
+        model: For ``onnx``: a file, which has a slash or ends in ``.onnx``, or the name of a
+            network that was imported with ``harness weights import``.
 
     Raises:
-        HarnessError: another kind; ``onnx`` without a file, or a file without ``onnx``.
+        HarnessError: another kind; ``onnx`` without a network, or a network without ``onnx``.
     """
 
     kind: str
@@ -91,7 +92,7 @@ class NormalChoice:
         if (self.kind == "onnx") != bool(self.model):
             raise HarnessError(
                 "settings 'normals' and 'normals_model' do not go together",
-                expected="a model file with normals=onnx, and only with it",
+                expected="a file or an imported network's name with normals=onnx, and only with it",
                 got=f"normals={self.kind}, normals_model={self.model or 'nothing'}",
             )
 
@@ -105,10 +106,14 @@ class NormalChoice:
         """As records name it.
 
         Raises:
-            MissingPart: the network's file, or onnxruntime, is not there.
+            MissingPart: the network's file, or onnxruntime for a file of your own, is not there.
+            DataError: the file is not the one that was installed.
         """
+        network = self._installed()
+        if network is not None:
+            return network.part
         if self.kind == "onnx":
-            return _network(Path(self.model)).part
+            return installed.loaded(Path(self.model)).part
         name = {"body": "normals of the fitted body", "oracle": "normals of the scan"}[self.kind]
         return Part("normal estimator", name, "none needed")
 
@@ -121,12 +126,12 @@ class NormalChoice:
 
         Raises:
             MethodError: oracle normals were not lent.
-            MissingPart: as ``part``.
+            MissingPart, DataError: as ``part``.
         """
         if self.kind == "body":
             return BodyNormals()
-        if self.kind == "onnx":
-            return _network(Path(self.model))
+        if self.kind in ("open", "onnx"):
+            return self._network()
         if _PRIVILEGE not in privileged:
             raise MethodError(
                 "the normals of the scan were not handed in",
@@ -136,9 +141,14 @@ class NormalChoice:
             )
         return OracleNormals(privileged[_PRIVILEGE], camera)
 
+    def _network(self) -> OnnxNormals:
+        network = self._installed()
+        return installed.loaded(Path(self.model) if network is None else network.path)
 
-@functools.lru_cache(maxsize=1)
-def _network(path: Path) -> OnnxNormals:
-    if not path.is_file():
-        raise MissingPart(f"no network at {path}", hint="Set normals_model to an ONNX file")
-    return OnnxNormals(path)
+    def _installed(self) -> installed.Network | None:
+        """The network that is meant by a name, if one is."""
+        if self.kind == "open":
+            return installed.find(installed.OPEN_NETWORK, installed.shipped_place())
+        if self.kind == "onnx" and not (self.model.endswith(".onnx") or "/" in self.model):
+            return installed.find(self.model, installed.imported_place())
+        return None

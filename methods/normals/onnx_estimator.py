@@ -1,55 +1,60 @@
 """Any front/back normal network that was exported to ONNX.
 
 The file has the inputs ``image`` (1, 3, H, W), sRGB in [-1, 1] and 0 outside the mask, and
-``body_front``, ``body_back`` (1, 3, H, W), unit normals in the map frame; and the outputs ``front``
-and ``back`` (1, 3, H, W) in the same frame, of any length. Its metadata says ``name`` and
-``licence``, and optionally ``body_background``: the value that body maps have where there is no
-body, 0 unless given (ECON's networks were trained with 0.00392).
+``body_front``, ``body_back`` (1, 3, H, W), unit normals in the map frame; if it wants, ``mask``
+(1, 1, H, W), 1 on the subject and 0 elsewhere; and the outputs ``front`` and ``back``
+(1, 3, H, W) in the same frame, of any length. H and W are multiples of 32. Its metadata says:
+
+* ``name`` and ``licence``;
+* optionally ``training_set``: what it was trained on, with its version;
+* optionally ``body_background``: the value that body maps have where there is no body, 0 unless
+  given (ECON's networks were trained with 0.00392);
+* optionally ``window``: ``mask`` if the network was trained on windows around the subject
+  (``methods/normals/window.py``) and is to be run on such; without it, it gets the whole picture.
 """
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.errors import DataError, MissingPart
+from harness.core.errors import DataError, MethodError, MissingPart
 from harness.core.hashing import file_sha256
 from harness.core.protocols import Part
+from methods.normals.window import Window, mask_window, whole_window
 
 __all__ = ["OnnxNormals"]
 
 Floats = NDArray[np.float64]
 
 _INPUTS = ("image", "body_front", "body_back")
+_OPTIONAL_INPUTS = ("mask",)
 _OUTPUTS = ("front", "back")
-#: Networks halve their pictures up to five times.
-_MULTIPLE = 32
 
 
 class OnnxNormals:
-    """Runs the network with onnxruntime on the processor.
+    """Runs the network with onnxruntime on all cores of the processor.
+
+    Attributes:
+        part: The network, as records name it.
+        training_set: What it was trained on, as it says itself; empty if it does not.
 
     Raises:
         MissingPart: onnxruntime is not installed.
-        DataError: not an ONNX file, other inputs and outputs, or no name and licence in it.
+        DataError: not an ONNX file, other inputs and outputs, or metadata that are not right.
     """
 
     def __init__(self, path: Path) -> None:
         self._session = _session(path)
-        for what, found, wanted in (
-            ("inputs", self._session.get_inputs(), _INPUTS),
-            ("outputs", self._session.get_outputs(), _OUTPUTS),
-        ):
-            names = {node.name for node in found}
-            if names != set(wanted):
-                raise DataError(
-                    f"{path} has other {what} than a normal estimator",
-                    expected=", ".join(wanted),
-                    got=", ".join(sorted(names)),
-                )
+        self._inputs = tuple(node.name for node in self._session.get_inputs())
+        outputs = [node.name for node in self._session.get_outputs()]
+        _require(path, "inputs", set(self._inputs) - set(_OPTIONAL_INPUTS), _INPUTS)
+        _require(path, "outputs", set(outputs), _OUTPUTS)
         about = self._session.get_modelmeta().custom_metadata_map
         if not (about.get("name") and about.get("licence")):
             raise DataError(
@@ -57,26 +62,85 @@ class OnnxNormals:
                 expected="metadata 'name' and 'licence'",
                 got=", ".join(sorted(about)) or "no metadata",
             )
-        self._background = float(about.get("body_background", "0"))
+        self._background = _background(path, about)
+        self._around_mask = _around_mask(path, about)
+        self.training_set: str = about.get("training_set", "")
         self.part = Part("normal estimator", about["name"], about["licence"], file_sha256(path))
 
     def __call__(
         self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats
     ) -> tuple[Floats, Floats]:
-        """Clothed unit normals, 0 outside the mask; see ``NormalEstimator``."""
-        inside = mask[..., None] >= 0.5
-        arrays = [(2.0 * rgb - 1.0) * inside, self._body(body_front), self._body(body_back)]
-        height, width = mask.shape
-        feeds = {name: _batch(_padded(array)) for name, array in zip(_INPUTS, arrays, strict=True)}
+        """Clothed unit normals, 0 outside the mask; see ``NormalEstimator``.
+
+        A pixel where the network answers with zero has no normal and stays 0.
+
+        Raises:
+            MethodError: the network cannot work on a picture of this size.
+        """
+        inside = mask >= 0.5
+        if not inside.any():
+            return np.zeros_like(body_front), np.zeros_like(body_back)
+        size = (mask.shape[0], mask.shape[1])
+        window = mask_window(inside) if self._around_mask else whole_window(size)
+        maps = {
+            "image": window.cut((2.0 * rgb - 1.0) * inside[..., None]),
+            "body_front": window.cut(self._body(body_front), self._background),
+            "body_back": window.cut(self._body(body_back), self._background),
+            "mask": window.cut(inside[..., None].astype(np.float64)),
+        }
         front, back = (
-            np.moveaxis(answer[0].astype(np.float64), 0, -1)[:height, :width]
-            for answer in self._session.run(list(_OUTPUTS), feeds)
+            _unit(window.put_back(answer, size)) * inside[..., None]
+            for answer in self._answers(maps, window)
         )
-        return _unit(front) * inside, _unit(back) * inside
+        return front, back
+
+    def trial(self) -> None:
+        """Let the network work on a small picture with a subject on it.
+
+        Raises:
+            DataError: it cannot, or answers with what is no map of normals.
+        """
+        height, width = self._fixed_size()
+        mask = np.zeros((height, width))
+        mask[height // 4 : -height // 4, width // 4 : -width // 4] = 1.0
+        body = np.zeros((height, width, 3))
+        body[mask > 0] = (0.0, 0.0, 1.0)
+        try:
+            answers = self(np.full((height, width, 3), 0.5), mask, body, -body)
+        except MethodError as error:
+            raise DataError(error.what, expected=error.expected, got=error.got) from error
+        if not all(np.isfinite(answer).all() for answer in answers):
+            raise DataError(f"{self.part.name} answers with numbers that are not finite")
+
+    def _fixed_size(self) -> tuple[int, int]:
+        """The only size that the network works on, or else a small one."""
+        shape = self._session.get_inputs()[self._inputs.index("image")].shape
+        sides = [side if isinstance(side, int) else 64 for side in shape[2:]]
+        return (sides[0], sides[1]) if len(sides) == 2 else (64, 64)
 
     def _body(self, normals: Floats) -> Floats:
         there = np.abs(normals).sum(axis=2, keepdims=True) > 0
         return np.where(there, normals, self._background)
+
+    def _answers(self, maps: Mapping[str, Floats], window: Window) -> list[Floats]:
+        """Both outputs (h, w, 3) on the window's pixels."""
+        feeds = {name: _batch(maps[name]) for name in self._inputs}
+        try:
+            answers = self._session.run(list(_OUTPUTS), feeds)
+        except Exception as error:  # onnxruntime has no public base of its errors
+            raise MethodError(
+                f"{self.part.name} cannot work on {window.width} x {window.height} pixels",
+                got=str(error),
+            ) from error
+        shape = (1, 3, window.height, window.width)
+        for name, answer in zip(_OUTPUTS, answers, strict=True):
+            if answer.shape != shape:
+                raise MethodError(
+                    f"{self.part.name} made another picture of '{name}' than it was given",
+                    expected=str(shape),
+                    got=str(answer.shape),
+                )
+        return [np.moveaxis(answer[0].astype(np.float64), 0, -1) for answer in answers]
 
 
 def _session(path: Path) -> Any:
@@ -87,16 +151,42 @@ def _session(path: Path) -> Any:
             "networks are run by onnxruntime, which is not installed",
             hint="Run: pip install onnxruntime",
         ) from error
+    options = onnxruntime.SessionOptions()
+    if hasattr(os, "sched_getaffinity"):  # on Linux
+        # Told, or onnxruntime counts cores that this process is not given, and pins threads there.
+        options.intra_op_num_threads = len(os.sched_getaffinity(0))
     try:
-        return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime has no public base of its errors
         raise DataError(f"{path} is not a network that can be run", got=str(error)) from error
 
 
-def _padded(array: Floats) -> Floats:
-    """(H, W, 3) enlarged to the right and below, by its edge, to a size that networks can halve."""
-    height, width = array.shape[:2]
-    return np.pad(array, ((0, -height % _MULTIPLE), (0, -width % _MULTIPLE), (0, 0)), mode="edge")
+def _require(path: Path, what: str, names: set[str], wanted: tuple[str, ...]) -> None:
+    if names != set(wanted):
+        raise DataError(
+            f"{path} has other {what} than a normal estimator",
+            expected=", ".join(wanted),
+            got=", ".join(sorted(names)),
+        )
+
+
+def _background(path: Path, about: Mapping[str, str]) -> float:
+    text = about.get("body_background", "0")
+    try:
+        return float(text)
+    except ValueError as error:
+        raise DataError(
+            f"{path} has metadata that are not right", expected="a number", got=text
+        ) from error
+
+
+def _around_mask(path: Path, about: Mapping[str, str]) -> bool:
+    window = about.get("window", "")
+    if window not in ("", "mask"):
+        raise DataError(
+            f"{path} wants a window that is not known", expected="window 'mask' or none", got=window
+        )
+    return window == "mask"
 
 
 def _batch(array: Floats) -> NDArray[np.float32]:

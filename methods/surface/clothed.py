@@ -6,6 +6,7 @@ differ in which views the body is fitted to and which sheets are made of which v
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 
@@ -37,8 +38,9 @@ class ClothedSettings:
     """Settings of the clothed reconstruction; those of the body fit are set beside them.
 
     Attributes:
-        normals: ``body``, ``oracle`` (a privilege) or ``onnx``.
-        normals_model: The network's file, for ``onnx``.
+        normals: ``body``, ``oracle`` (a privilege), ``open`` (the network that is shipped) or
+            ``onnx``.
+        normals_model: A network's file or the name of an imported one, for ``onnx``.
         resolution: Side of the working picture in pixels; ECON's is 512.
         hands: ``body`` puts the body's hands in, as ECON does; ``sheets`` leaves what is seen.
         poisson_depth: Depth of the fusion's octree; the published 10.
@@ -112,7 +114,18 @@ class ClothedMethod:
         self._names, self._plan = names, plan
         uses_oracle = settings.normals == "oracle"
         self._fit = fit.configured({"normals": "oracle" if uses_oracle else "off"})
-        self.info = _info(names, self._fit, settings)
+
+    @functools.cached_property
+    def info(self) -> MethodInfo:
+        """What the method says of itself.
+
+        Told when it is asked for, so that a network that is not there does not keep the method from
+        being configured to do without.
+
+        Raises:
+            MissingPart, DataError: as ``NormalChoice.part``.
+        """
+        return _info(self._names, self._fit, self.settings)
 
     def configured(self, parameters: Mapping[str, str]) -> ClothedMethod:
         """The method with other settings, given as text by field name."""

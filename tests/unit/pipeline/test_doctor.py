@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.files import write_json
+from harness.core.hashing import file_sha256
 from harness.pipeline import doctor
+from methods.econ import econ
+from methods.normals import installed
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -42,3 +46,40 @@ def test_the_readme_installs_every_library_that_the_doctor_knows():
     readme = (ROOT / "README.md").read_text()
     for package in doctor._DEBIAN_PACKAGES.values():
         assert re.search(rf"\b{re.escape(package)}\b", readme), package
+
+
+def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypatch):
+    place = installed.Place("shipped", tmp_path)
+    monkeypatch.setattr(installed, "shipped_place", lambda: place)
+    found = doctor._open_network()
+    assert (found.kind, found.name, found.usable) == ("network", "open-normals", False)
+    assert found.needed == (econ.settings.normals == "open")
+    assert "harness train normals" in found.next_step
+
+    (tmp_path / "n.onnx").write_bytes(b"network")
+    entry = {
+        "file": "n.onnx",
+        "sha256": file_sha256(tmp_path / "n.onnx"),
+        "licence": "CC0-1.0",
+        "training_set": "avatars-train t00001..t00020, version 8",
+        "bytes": 3 * 2**20,
+    }
+    write_json(place.index, {"open-normals": entry})
+    found = doctor._open_network()
+    assert found.usable
+    for text in ("3.0 MiB", "CC0-1.0", "t00001..t00020, version 8", entry["sha256"][:12]):
+        assert text in found.note
+
+    (tmp_path / "n.onnx").write_bytes(b"another")
+    found = doctor._open_network()
+    assert not found.usable
+    assert "not the one that was shipped" in found.note
+
+
+def test_a_method_whose_network_is_not_there_is_not_usable(tmp_path, monkeypatch):
+    monkeypatch.setattr(installed, "shipped_place", lambda: installed.Place("shipped", tmp_path))
+    monkeypatch.setattr("methods.econ.econ", econ.configured({"normals": "open"}))
+    found = {finding.name: finding for finding in doctor._catalogued()}
+    assert not found["econ"].usable
+    assert "no network 'open-normals'" in found["econ"].note
+    assert found["hull8"].usable

@@ -1,4 +1,4 @@
-"""Round things with known normals, and a photo of one."""
+"""Round things with known normals, a photo of one, and networks that copy."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
+from methods.normals import installed
 
 
 @pytest.fixture(scope="session")
@@ -45,6 +46,61 @@ def sphere() -> Callable[..., Mesh]:
 def cameras() -> tuple[Camera, ...]:
     """Eight cameras around the origin at 3 m, portrait, small."""
     return RingRig().cameras(270, 480)
+
+
+ABOUT = {"name": "mirror 1", "licence": "Apache-2.0", "training_set": "avatars-train t00001"}
+COPIES = {"front": "body_front", "back": "body_back"}
+
+
+@pytest.fixture(scope="session")
+def save_network() -> Callable[..., Path]:
+    """``save_network(path, copies, **about)``: a network whose outputs are copies of its inputs.
+
+    ``copies`` is input by output; ``inputs`` names what it has beside the image, ``side`` fixes its
+    height and width, and an empty value in ``about`` leaves that out of the metadata.
+    """
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+
+    def save(
+        path: Path,
+        copies: dict[str, str] = COPIES,
+        *,
+        inputs: tuple[str, ...] = ("body_front", "body_back"),
+        side: int | None = None,
+        **about: str,
+    ) -> Path:
+        helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+        size = [side or "height", side or "width"]
+        given = [
+            helper.make_tensor_value_info(name, kind, [1, 1 if name == "mask" else 3, *size])
+            for name in ("image", *inputs)
+        ]
+        made = [helper.make_tensor_value_info(name, kind, [1, 3, *size]) for name in copies]
+        nodes = [
+            helper.make_node("Concat", [source] * 3, [name], axis=1)
+            if source == "mask"
+            else helper.make_node("Identity", [source], [name])
+            for name, source in copies.items()
+        ]
+        graph = helper.make_graph(nodes, "copies", given, made)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+        for key, value in {**ABOUT, **about}.items():
+            if value:
+                model.metadata_props.add(key=key, value=value)
+        path.write_bytes(model.SerializeToString())
+        return path
+
+    return save
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where networks are shipped, ``shipped``, and imported, ``own``, below this folder."""
+    shipped = installed.Place("shipped", tmp_path / "shipped")
+    monkeypatch.setattr(installed, "shipped_place", lambda: shipped)
+    monkeypatch.setenv("HARNESS_WEIGHTS", str(tmp_path / "own"))
+    return tmp_path
 
 
 @pytest.fixture

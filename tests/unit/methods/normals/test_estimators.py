@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import HarnessError, MethodError, MissingPart
+from harness.core.settings import MetricProtocol
 from harness.geometry.sides import SidedRaycaster
-from methods.normals import NormalChoice, view_maps, working_view
+from harness.pipeline.plan import record_key
+from methods.econ import econ
+from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.view_maps import filled_normals
 
 
@@ -56,9 +59,10 @@ def test_oracle_normals_must_be_lent(view):
 @pytest.mark.parametrize(
     ("kind", "model", "message"),
     [
-        ("guess", "", "cannot be 'guess'.*body or oracle or onnx"),
+        ("guess", "", "cannot be 'guess'.*body or oracle or open or onnx"),
         ("onnx", "", "do not go together"),
         ("body", "net.onnx", "do not go together"),
+        ("open", "net.onnx", "do not go together"),
     ],
 )
 def test_choices_that_make_no_sense(kind, model, message):
@@ -89,3 +93,53 @@ def test_holes_take_the_nearest_normal():
     np.testing.assert_array_equal(filled[0, :, 0], [0, 0, 0, 1, 1])
     with pytest.raises(MethodError, match="no pixel"):
         filled_normals(np.zeros((1, 5, 3)), mask)
+
+
+def test_the_open_network_is_the_shipped_one(places, save_network):
+    choice = NormalChoice("open")
+    with pytest.raises(MissingPart, match="no network 'open-normals' is shipped.*train normals"):
+        _ = choice.part
+    path = save_network(places / "net.onnx", licence="CC0-1.0")
+    own = installed.import_file(path, "open-normals", installed.imported_place())
+    with pytest.raises(MissingPart, match="is shipped"):
+        _ = choice.part
+    other = save_network(places / "other.onnx", training_set="avatars-train t00002")
+    shipped = installed.import_file(other, "open-normals", installed.shipped_place())
+    part = choice.part
+    assert (part.name, part.licence, part.sha256) == ("open-normals", "Apache-2.0", shipped.sha256)
+    assert choice.privileges == ()
+    assert NormalChoice("onnx", "open-normals").part.sha256 == own.sha256 != shipped.sha256
+
+
+def test_the_estimator_of_a_name_is_its_network(view, sphere, places, save_network):
+    path = save_network(places / "net.onnx", {"front": "body_back", "back": "body_front"})
+    installed.import_file(path, "swapped", installed.imported_place())
+    body = SidedRaycaster(sphere(0.3))
+    maps = view_maps(view, body, NormalChoice("onnx", "swapped").estimator(view.camera, {}))
+    seen = view.mask & (np.abs(maps.body_front).sum(2) > 0)
+    np.testing.assert_allclose(maps.front[seen], maps.body_back[seen], atol=1e-6)
+
+
+def test_a_name_that_nobody_imported(places):
+    with pytest.raises(MissingPart, match="no network 'nobody' is imported.*weights import"):
+        NormalChoice("onnx", "nobody").estimator(None, {})  # type: ignore[arg-type]
+
+
+def test_methods_can_do_without_a_network_that_is_not_there(places):
+    missing = econ.configured({"normals": "open"})
+    with pytest.raises(MissingPart, match="no network 'open-normals'"):
+        _ = missing.info
+    parts = missing.configured({"normals": "body"}).info.parts
+    assert "normals of the fitted body" in [part.name for part in parts]
+
+
+def test_another_network_is_another_record(places, save_network):
+    capture, protocol = "photos", MetricProtocol("mexecon", 1, 30_000, "independent", "exact")
+    keys = set()
+    for trained in ("avatars-train t00001", "avatars-train t00002"):
+        path = save_network(places / "net.onnx", training_set=trained)
+        installed.import_file(path, "open-normals", installed.shipped_place(), replace=True)
+        info = econ.configured({"normals": "open"}).info.to_dict()
+        keys.add(record_key(info, capture, protocol, 0))
+        assert str(places) not in str(info)
+    assert len(keys) == 2

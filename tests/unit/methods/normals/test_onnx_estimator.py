@@ -2,52 +2,51 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from harness.core.errors import DataError, MissingPart
+from harness.core.errors import DataError, MethodError, MissingPart
 from methods.normals import NormalChoice
 from methods.normals.onnx_estimator import OnnxNormals
 
-onnx = pytest.importorskip("onnx")
-pytest.importorskip("onnxruntime")
-
-ABOUT = {"name": "mirror 1", "licence": "Apache-2.0"}
+WITH_MASK = ("body_front", "body_back", "mask")
 
 
-def save_network(
-    path: Path, pairs: dict[str, str], about: dict[str, str], names=("body_front", "body_back")
-) -> Path:
-    """A network whose outputs are copies: ``pairs`` is output by input."""
-    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
-    shape = [1, 3, "height", "width"]
-    inputs = [helper.make_tensor_value_info(n, kind, shape) for n in ("image", *names)]
-    outputs = [helper.make_tensor_value_info(n, kind, shape) for n in pairs]
-    nodes = [helper.make_node("Identity", [source], [name]) for name, source in pairs.items()]
-    graph = helper.make_graph(nodes, "copies", inputs, outputs)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    for key, value in about.items():
-        model.metadata_props.add(key=key, value=value)
-    path.write_bytes(model.SerializeToString())
-    return path
+def pictures_of(mask: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A noisy photo of a mask, and noise for a body that reaches beyond it and ends within it."""
+    rng = np.random.default_rng(0)
+    body = rng.normal(size=(2, *mask.shape, 3))
+    body /= np.linalg.norm(body, axis=-1, keepdims=True)
+    body[:, :10] = 0.0
+    return rng.random((*mask.shape, 3)) * mask[..., None], mask, body[0], body[1]
 
 
 @pytest.fixture
 def pictures():
-    rng = np.random.default_rng(0)
     mask = np.zeros((40, 50))
     mask[5:30, 10:45] = 1.0
-    body = rng.normal(size=(2, 40, 50, 3))
-    body /= np.linalg.norm(body, axis=-1, keepdims=True)
-    body[:, :10] = 0.0
-    return rng.random((40, 50, 3)) * mask[..., None], mask, body[0], body[1]
+    return pictures_of(mask)
 
 
-def test_maps_go_in_and_out_in_place(tmp_path, pictures):
-    path = save_network(tmp_path / "n.onnx", {"front": "body_front", "back": "body_back"}, ABOUT)
-    choice = NormalChoice("onnx", str(path))
+class Spy:
+    """Stands before a session and keeps what it is fed."""
+
+    def __init__(self, session) -> None:
+        self.session, self.feeds = session, {}
+
+    def run(self, outputs, feeds):
+        self.feeds = feeds
+        return self.session.run(outputs, feeds)
+
+
+def spied(path) -> tuple[OnnxNormals, Spy]:
+    network = OnnxNormals(path)
+    network._session = Spy(network._session)
+    return network, network._session
+
+
+def test_maps_go_in_and_out_in_place(tmp_path, pictures, save_network):
+    choice = NormalChoice("onnx", str(save_network(tmp_path / "n.onnx")))
     front, back = choice.estimator(None, {})(*pictures)  # type: ignore[arg-type]
     inside = pictures[1][..., None]
     np.testing.assert_allclose(front, pictures[2] * inside, atol=1e-6)
@@ -56,9 +55,11 @@ def test_maps_go_in_and_out_in_place(tmp_path, pictures):
     assert len(choice.part.sha256) == 64
 
 
-def test_the_photo_is_centred_and_the_background_is_the_network_s_own(tmp_path, pictures):
-    about = {**ABOUT, "body_background": "0.25"}
-    path = save_network(tmp_path / "n.onnx", {"front": "image", "back": "body_back"}, about)
+def test_the_photo_is_centred_and_the_background_is_the_network_s_own(
+    tmp_path, pictures, save_network
+):
+    copies = {"front": "image", "back": "body_back"}
+    path = save_network(tmp_path / "n.onnx", copies, body_background="0.25")
     front, back = OnnxNormals(path)(*pictures)
     inside = pictures[1] > 0
     photo = 2 * pictures[0][inside] - 1
@@ -68,17 +69,127 @@ def test_the_photo_is_centred_and_the_background_is_the_network_s_own(tmp_path, 
     np.testing.assert_allclose(back[7, 20], np.full(3, 3**-0.5), atol=1e-6)
 
 
-def test_what_is_no_normal_estimator_is_refused(tmp_path):
-    both = {"front": "body_front", "back": "body_back"}
+@pytest.mark.parametrize("window", ["", "mask"])
+def test_outside_the_picture_there_is_no_subject_and_no_body(
+    tmp_path, pictures, save_network, window
+):
+    path = save_network(
+        tmp_path / "n.onnx", inputs=WITH_MASK, body_background="0.25", window=window
+    )
+    network, spy = spied(path)
+    network(*pictures)
+    assert {name: feed.shape for name, feed in spy.feeds.items()} == {
+        "image": (1, 3, 64, 64 if not window else 96),
+        "body_front": (1, 3, 64, 64 if not window else 96),
+        "body_back": (1, 3, 64, 64 if not window else 96),
+        "mask": (1, 1, 64, 64 if not window else 96),
+    }
+    beyond = np.s_[0, :, -8:]
+    assert (spy.feeds["image"][beyond] == 0).all()
+    assert (spy.feeds["mask"][beyond] == 0).all()
+    assert (spy.feeds["body_front"][beyond] == 0.25).all()
+
+
+def test_the_mask_is_fed_as_nought_and_one_where_it_is_wanted(tmp_path, pictures, save_network):
+    soft = pictures[1] * 0.7
+    soft[0, :10] = 0.3
+    copies = {"front": "mask", "back": "body_back"}
+    network, spy = spied(save_network(tmp_path / "n.onnx", copies, inputs=WITH_MASK))
+    front, _ = network(pictures[0], soft, *pictures[2:])
+    np.testing.assert_array_equal(spy.feeds["mask"][0, 0, :40, :50], pictures[1])
+    np.testing.assert_allclose(front[pictures[1] > 0], 3**-0.5, atol=1e-6)
+    assert (front[pictures[1] == 0] == 0).all()
+    network, spy = spied(save_network(tmp_path / "without.onnx"))
+    network(*pictures)
+    assert "mask" not in spy.feeds
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        (slice(60, 130), slice(70, 90)),  # in the middle
+        (slice(0, 20), slice(100, 133)),  # in a corner
+        (slice(0, 201), slice(0, 133)),  # everywhere
+        (slice(200, 201), slice(0, 1)),  # one pixel
+    ],
+)
+def test_a_network_without_neighbours_does_not_mind_its_window(
+    tmp_path, save_network, rows, columns
+):
+    mask = np.zeros((201, 133))
+    mask[rows, columns] = 1.0
+    pictures = pictures_of(mask)
+    copies = {"front": "image", "back": "body_back"}
+    whole = OnnxNormals(save_network(tmp_path / "whole.onnx", copies))(*pictures)
+    network, spy = spied(save_network(tmp_path / "window.onnx", copies, window="mask"))
+    windowed = network(*pictures)
+    height, width = spy.feeds["image"].shape[2:]
+    assert height == -(-(np.ptp(np.nonzero(mask)[0]) + 33) // 32) * 32
+    assert width == -(-(np.ptp(np.nonzero(mask)[1]) + 33) // 32) * 32
+    for alone, part in zip(whole, windowed, strict=True):
+        np.testing.assert_array_equal(part, alone)
+        assert part.shape == (201, 133, 3)
+        assert (part[mask == 0] == 0).all()
+    np.testing.assert_allclose(np.linalg.norm(windowed[0][mask > 0], axis=1), 1.0)
+
+
+def test_where_the_subject_stands_does_not_matter_to_a_window(tmp_path, pictures, save_network):
+    network, spy = spied(save_network(tmp_path / "n.onnx", inputs=WITH_MASK, window="mask"))
+    network(*pictures)
+    before = spy.feeds
+    network(*(np.pad(each, ((40, 7), (3, 90)) + ((0, 0),) * (each.ndim - 2)) for each in pictures))
+    for name in ("image", "mask"):
+        np.testing.assert_array_equal(spy.feeds[name], before[name])
+
+
+@pytest.mark.parametrize("window", ["", "mask"])
+def test_no_subject_no_normals(tmp_path, pictures, save_network, window):
+    network = OnnxNormals(save_network(tmp_path / "n.onnx", window=window))
+    answers = network(pictures[0], 0 * pictures[1], *pictures[2:])
+    assert [(answer == 0).all() for answer in answers] == [True, True]
+
+
+def test_all_cores_are_used(tmp_path, save_network, monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {3, 5, 6})
+    options = OnnxNormals(save_network(tmp_path / "n.onnx"))._session.get_session_options()
+    assert options.intra_op_num_threads == 3
+
+
+def test_what_is_no_normal_estimator_is_refused(tmp_path, save_network):
     with pytest.raises(MissingPart, match="no network at"):
         _ = NormalChoice("onnx", str(tmp_path / "none.onnx")).part
     (tmp_path / "text.onnx").write_text("not a network")
     with pytest.raises(DataError, match="not a network that can be run"):
         OnnxNormals(tmp_path / "text.onnx")
-    path = save_network(tmp_path / "in.onnx", {"front": "a", "back": "b"}, ABOUT, names=("a", "b"))
+    path = save_network(tmp_path / "in.onnx", {"front": "a", "back": "b"}, inputs=("a", "b"))
     with pytest.raises(DataError, match="other inputs"):
         OnnxNormals(path)
     with pytest.raises(DataError, match="other outputs"):
-        OnnxNormals(save_network(tmp_path / "out.onnx", {"front": "body_front"}, ABOUT))
-    with pytest.raises(DataError, match="does not say what it is"):
-        OnnxNormals(save_network(tmp_path / "who.onnx", both, {"name": "x"}))
+        OnnxNormals(save_network(tmp_path / "out.onnx", {"front": "body_front"}))
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ({"licence": ""}, "does not say what it is"),
+        ({"body_background": "grey"}, "not right.*a number.*grey"),
+        ({"window": "door"}, "a window that is not known.*door"),
+    ],
+)
+def test_metadata_that_are_not_right(tmp_path, save_network, about, message):
+    with pytest.raises(DataError, match=message):
+        OnnxNormals(save_network(tmp_path / "n.onnx", **about))
+
+
+def test_a_network_of_one_size_says_so(tmp_path, pictures, save_network):
+    network = OnnxNormals(save_network(tmp_path / "n.onnx", side=96))
+    network.trial()
+    with pytest.raises(MethodError, match="mirror 1 cannot work on 64 x 64 pixels"):
+        network(*pictures)
+
+
+def test_a_trial_finds_networks_that_do_not_work(tmp_path, save_network):
+    OnnxNormals(save_network(tmp_path / "good.onnx", inputs=WITH_MASK, window="mask")).trial()
+    fixed = OnnxNormals(save_network(tmp_path / "fixed.onnx", side=512, window="mask"))
+    with pytest.raises(DataError, match="cannot work on 288 x 288"):
+        fixed.trial()

@@ -1,0 +1,327 @@
+"""Networks by name: those that come with the package, and those that a user imported.
+
+Both places are a folder with ONNX files and an index ``weights.json``: by name the file, its size
+and sha256, its licence and what it was trained on. A network is checked against its sum before it
+is used, so that a record's hash is that of what ran.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
+from harness.core.files import atomic_path, exclusive_lock, read_json, write_json
+from harness.core.hashing import file_sha256
+from harness.core.protocols import Part
+from methods.normals.onnx_estimator import OnnxNormals
+
+__all__ = [
+    "OPEN_NETWORK",
+    "Check",
+    "Network",
+    "Place",
+    "check",
+    "find",
+    "import_file",
+    "imported_place",
+    "listed",
+    "loaded",
+    "shipped_place",
+]
+
+#: The estimator of our own, shipped with the package.
+OPEN_NETWORK = "open-normals"
+
+_INDEX = "weights.json"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A folder of networks.
+
+    Attributes:
+        title: ``shipped`` or ``imported``.
+        folder: Where the index is; it need not exist.
+    """
+
+    title: str
+    folder: Path
+
+    @property
+    def index(self) -> Path:
+        """The file that lists what is there."""
+        return self.folder / _INDEX
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """One entry of an index.
+
+    Attributes:
+        name: How it is asked for.
+        path: Its file, which need not exist.
+        sha256: Of the file, when it was put there.
+        licence: SPDX id or the licence's name.
+        training_set: What it was trained on, with its version; empty if it does not say.
+        bytes: The file's size.
+        place: Where it is.
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    licence: str
+    training_set: str
+    bytes: int
+    place: Place
+
+    @property
+    def part(self) -> Part:
+        """As records name it."""
+        return Part("normal estimator", self.name, self.licence, self.sha256)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {**asdict(self), "path": str(self.path), "place": self.place.title}
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Whether a network's file is what its index says.
+
+    Attributes:
+        network: Which one.
+        state: ``ok``, ``missing`` or ``corrupt``.
+        note: What was found, and what to do.
+    """
+
+    network: Network
+    state: str
+    note: str
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {**self.network.to_dict(), "state": self.state, "note": self.note}
+
+
+def shipped_place() -> Place:
+    """The folder inside the package."""
+    return Place("shipped", Path(__file__).resolve().parent / "weights")
+
+
+def imported_place() -> Place:
+    """The user's own folder: ``HARNESS_WEIGHTS``, or below ``XDG_DATA_HOME``."""
+    named = os.environ.get("HARNESS_WEIGHTS")
+    if named:
+        return Place("imported", Path(named).expanduser().resolve())
+    data = Path(os.environ.get("XDG_DATA_HOME", ""))
+    # By its own specification, a relative path there is to be ignored.
+    base = data if data.is_absolute() else Path.home() / ".local" / "share"
+    return Place("imported", base / "mexecon-harness" / "weights")
+
+
+def listed(place: Place) -> list[Network]:
+    """The networks of a place by name; none where there is no index.
+
+    Raises:
+        DataError: the index is not what it should be.
+    """
+    if not place.index.is_file():
+        return []
+    return [_network(place, name, entry) for name, entry in sorted(read_json(place.index).items())]
+
+
+def find(name: str, place: Place) -> Network:
+    """A network whose file is what its index says; the file is read once a process.
+
+    Raises:
+        MissingPart: the place has none of that name, or its file is gone.
+        DataError: the file is another one.
+    """
+    known = {network.name: network for network in listed(place)}
+    if name not in known:
+        raise MissingPart(
+            f"no network '{name}' is {place.title}",
+            got=", ".join(known) or f"none in {place.folder}",
+            hint=_how_to_get(name, place),
+        )
+    found = _checked(known[name], _sum_of)
+    if found.state == "missing":
+        raise MissingPart(found.note, hint=_how_to_get(name, place))
+    if found.state == "corrupt":
+        raise DataError(
+            f"the network '{name}' is not the one that was {place.title}",
+            got=found.note,
+            hint=_how_to_mend(place),
+        )
+    return found.network
+
+
+def check(names: Sequence[str] = ()) -> list[Check]:
+    """All networks of these names, or all, against their indices; files are read anew.
+
+    Raises:
+        HarnessError: nobody knows a name.
+        DataError: an index is not what it should be.
+    """
+    networks = [*listed(shipped_place()), *listed(imported_place())]
+    known = {network.name for network in networks}
+    for name in names:
+        if name not in known:
+            raise HarnessError(f"unknown network '{name}'", hint=did_you_mean(name, known))
+    return [
+        _checked(network, file_sha256) for network in networks if not names or network.name in names
+    ]
+
+
+def import_file(path: Path, name: str, place: Place, *, replace: bool = False) -> Network:
+    """The network, checked, copied to a place and entered in its index.
+
+    Args:
+        path: An ONNX file as ``methods/normals/onnx_estimator.py`` describes it.
+        name: How it will be asked for.
+        place: Where it goes; what is shipped has to say what it was trained on.
+        replace: Whether it may take the place of another one of that name.
+
+    Raises:
+        HarnessError: a name that cannot be, or one that stands for another network.
+        DataError: no file, or not a network that can be used; nothing is changed then.
+        MissingPart: onnxruntime is not installed.
+    """
+    if not _NAME.fullmatch(name) or name.endswith(".onnx"):
+        raise HarnessError(
+            f"a network cannot be called '{name}'",
+            expected="letters, digits, '.', '_' and '-', without '.onnx' at its end",
+            hint="Give another one with --name",
+        )
+    network = _examined(path, name, place)
+    place.folder.mkdir(parents=True, exist_ok=True)
+    with exclusive_lock(place.folder / ".lock"):
+        entries = read_json(place.index) if place.index.is_file() else {}
+        before = entries.get(name)
+        if before and before.get("sha256") != network.sha256 and not replace:
+            raise HarnessError(
+                f"'{name}' is another network already",
+                expected=f"sha256 {str(before.get('sha256'))[:12]}…",
+                got=f"{network.sha256[:12]}…",
+                hint="Give another --name, or --replace",
+            )
+        with atomic_path(network.path) as temporary:
+            shutil.copyfile(path, temporary)
+            if file_sha256(temporary) != network.sha256:
+                raise DataError(f"{path} changed while it was copied", hint="Import it again")
+        write_json(place.index, dict(sorted({**entries, name: _entry(network)}.items())))
+    return network
+
+
+def loaded(path: Path) -> OnnxNormals:
+    """The network in a file, read once as long as the file stays the same.
+
+    Raises:
+        MissingPart: no such file, or onnxruntime is not installed.
+        DataError: not a normal estimator.
+    """
+    if not path.is_file():
+        raise MissingPart(
+            f"no network at {path}",
+            hint="Set normals_model to an ONNX file or a name of 'harness weights list'",
+        )
+    return _loaded(path, *_stamp(path))
+
+
+def _examined(path: Path, name: str, place: Place) -> Network:
+    if not path.is_file():
+        raise DataError(f"no file at {path}")
+    estimator = OnnxNormals(path)
+    estimator.trial()
+    if place.title == "shipped" and not estimator.training_set:
+        raise DataError(
+            f"{path} does not say what it was trained on, and could not be shipped",
+            expected="metadata 'training_set'",
+        )
+    return Network(
+        name=name,
+        path=place.folder / f"{name}.onnx",
+        sha256=estimator.part.sha256,
+        licence=estimator.part.licence,
+        training_set=estimator.training_set,
+        bytes=path.stat().st_size,
+        place=place,
+    )
+
+
+def _entry(network: Network) -> dict[str, object]:
+    return {
+        "file": network.path.name,
+        "sha256": network.sha256,
+        "licence": network.licence,
+        "training_set": network.training_set,
+        "bytes": network.bytes,
+    }
+
+
+def _network(place: Place, name: str, entry: Any) -> Network:
+    wanted = {"file": str, "sha256": str, "licence": str, "training_set": str, "bytes": int}
+    right = isinstance(entry, dict) and all(
+        isinstance(entry.get(key), kind) for key, kind in wanted.items()
+    )
+    if not right or Path(entry["file"]).name != entry["file"]:
+        raise DataError(
+            f"{place.index}: the entry '{name}' is not right",
+            expected=f"{', '.join(wanted)}, the file beside the index",
+        )
+    values = {key: entry[key] for key in wanted if key != "file"}
+    return Network(name=name, path=place.folder / entry["file"], place=place, **values)
+
+
+def _checked(network: Network, sum_of: Any) -> Check:
+    if not network.path.is_file():
+        return Check(network, "missing", f"no network at {network.path}")
+    found = sum_of(network.path)
+    if found != network.sha256:
+        note = f"sha256 {found[:12]}…, expected {network.sha256[:12]}…"
+        return Check(network, "corrupt", note)
+    return Check(network, "ok", "sha256 agrees")
+
+
+def _how_to_get(name: str, place: Place) -> str:
+    if place.title == "imported":
+        return f"Run: harness weights import FILE.onnx --name {name}"
+    return (
+        "It comes with the package. Install that again; or train one with 'harness train normals', "
+        "run 'harness weights import FILE.onnx --name mine', and set normals=onnx and "
+        "normals_model=mine"
+    )
+
+
+def _how_to_mend(place: Place) -> str:
+    if place.title == "imported":
+        return "Import it again, with --replace"
+    return "Install the package again"
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size
+
+
+def _sum_of(path: Path) -> str:
+    return _sum(path, *_stamp(path))
+
+
+@functools.lru_cache
+def _sum(path: Path, _changed_ns: int, _size: int) -> str:
+    return file_sha256(path)
+
+
+@functools.lru_cache(maxsize=1)
+def _loaded(path: Path, _changed_ns: int, _size: int) -> OnnxNormals:
+    return OnnxNormals(path)

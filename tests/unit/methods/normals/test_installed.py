@@ -1,0 +1,160 @@
+"""Networks by name: what is imported is what is found, and nothing else is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from harness.core.errors import DataError, HarnessError, MissingPart
+from harness.core.hashing import file_sha256
+from methods.normals import installed
+
+
+@pytest.fixture
+def own(places) -> installed.Place:
+    return installed.imported_place()
+
+
+@pytest.fixture
+def file(tmp_path, save_network) -> Path:
+    return save_network(tmp_path / "net.onnx")
+
+
+def test_an_imported_network_is_found_with_what_it_says(own, file):
+    assert installed.listed(own) == []
+    imported = installed.import_file(file, "mine", own)
+    assert installed.listed(own) == [imported] == [installed.find("mine", own)]
+    assert imported.path.read_bytes() == file.read_bytes()
+    assert json.loads(own.index.read_text()) == {
+        "mine": {
+            "file": "mine.onnx",
+            "sha256": file_sha256(file),
+            "licence": "Apache-2.0",
+            "training_set": "avatars-train t00001",
+            "bytes": file.stat().st_size,
+        }
+    }
+    assert (imported.part.name, imported.part.sha256) == ("mine", file_sha256(file))
+
+
+def test_other_content_needs_another_name_or_permission(own, file, tmp_path, save_network):
+    first = installed.import_file(file, "mine", own)
+    assert installed.import_file(file, "mine", own) == first
+    other = save_network(tmp_path / "other.onnx", training_set="more")
+    with pytest.raises(HarnessError, match="'mine' is another network already.*--replace"):
+        installed.import_file(other, "mine", own)
+    assert installed.find("mine", own) == first
+    assert installed.import_file(other, "mine", own, replace=True) == installed.find("mine", own)
+    assert installed.find("mine", own).sha256 == file_sha256(other)
+    installed.import_file(file, "another", own)
+    assert [network.name for network in installed.listed(own)] == ["another", "mine"]
+
+
+def test_a_loaded_network_follows_its_file(own, file, tmp_path, save_network):
+    path = installed.import_file(file, "mine", own).path
+    first = installed.loaded(path)
+    assert installed.loaded(path) is first
+    other = save_network(tmp_path / "other.onnx", training_set="other")
+    installed.import_file(other, "mine", own, replace=True)
+    assert installed.loaded(path).training_set == "other"
+
+
+@pytest.mark.parametrize("name", ["", "net.onnx", "../net", "a b", ".net", "a/b"])
+def test_names_that_cannot_be(own, file, name):
+    with pytest.raises(HarnessError, match="cannot be called"):
+        installed.import_file(file, name, own)
+
+
+def test_a_bad_file_changes_nothing(own, tmp_path, save_network):
+    (tmp_path / "text.onnx").write_text("no")
+    for path, message in (
+        (tmp_path / "text.onnx", "not a network that can be run"),
+        (tmp_path / "none.onnx", "no file at"),
+        (save_network(tmp_path / "who.onnx", licence=""), "does not say what it is"),
+        (save_network(tmp_path / "f.onnx", side=512, window="mask"), "cannot work on"),
+    ):
+        with pytest.raises(DataError, match=message):
+            installed.import_file(path, "mine", own)
+    assert not own.folder.exists()
+
+
+def test_what_is_shipped_says_what_it_was_trained_on(own, tmp_path, save_network):
+    path = save_network(tmp_path / "n.onnx", training_set="")
+    assert installed.import_file(path, "mine", own).training_set == ""
+    with pytest.raises(DataError, match="what it was trained on.*training_set"):
+        installed.import_file(path, "open-normals", installed.shipped_place())
+
+
+def test_a_file_that_is_not_the_one_is_not_used(own, file):
+    network = installed.import_file(file, "mine", own)
+    installed.import_file(file, "whole", own)
+    network.path.write_bytes(b"other")
+    with pytest.raises(DataError, match="not the one that was imported.*Import it again"):
+        installed.find("mine", own)
+    assert [check.state for check in installed.check()] == ["corrupt", "ok"]
+    network.path.unlink()
+    with pytest.raises(MissingPart, match="no network at.*weights import"):
+        installed.find("mine", own)
+    (found,) = installed.check(["mine"])
+    assert found.state == "missing"
+    with pytest.raises(HarnessError, match="unknown network 'min'.*Did you mean 'mine'"):
+        installed.check(["min"])
+
+
+def test_a_network_is_hashed_once_a_process_and_anew_when_verified(own, file, monkeypatch):
+    installed.import_file(file, "mine", own)
+    read = []
+    monkeypatch.setattr(installed, "file_sha256", lambda path: read.append(path) or "0")
+    installed._sum.cache_clear()
+    for _ in range(3):
+        with pytest.raises(DataError):
+            installed.find("mine", own)
+    assert len(read) == 1
+    installed.check()
+    installed.check()
+    assert len(read) == 3
+    installed._sum.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        [],
+        {"file": "a.onnx"},
+        {"file": "../a.onnx", "sha256": "0", "licence": "x", "training_set": "", "bytes": 1},
+        {"file": "a.onnx", "sha256": 0, "licence": "x", "training_set": "", "bytes": 1},
+    ],
+)
+def test_an_index_that_is_not_right(own, entry):
+    own.folder.mkdir()
+    own.index.write_text(json.dumps({"a": entry}))
+    with pytest.raises(DataError, match="the entry 'a' is not right"):
+        installed.listed(own)
+
+
+def test_where_imported_networks_are(monkeypatch, tmp_path):
+    monkeypatch.setenv("HARNESS_WEIGHTS", str(tmp_path / "w"))
+    assert installed.imported_place().folder == tmp_path / "w"
+    monkeypatch.delenv("HARNESS_WEIGHTS")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert installed.imported_place().folder == tmp_path / "mexecon-harness" / "weights"
+    for unusable in ("", "relative/path"):
+        monkeypatch.setenv("XDG_DATA_HOME", unusable)
+        monkeypatch.setenv("HOME", str(tmp_path / "ada"))
+        below = Path(".local/share/mexecon-harness/weights")
+        assert installed.imported_place().folder == tmp_path / "ada" / below
+
+
+def test_what_is_shipped_is_whole():
+    """The package's own folder: every entry's file is there, and every network has an entry."""
+    place = installed.shipped_place()
+    networks = installed.listed(place)
+    for network in networks:
+        assert installed.find(network.name, place) == network
+        assert network.bytes == network.path.stat().st_size <= 20 * 2**20
+        assert network.training_set
+    assert {path.name for path in place.folder.glob("*.onnx")} == {
+        network.path.name for network in networks
+    }
