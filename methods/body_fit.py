@@ -180,7 +180,7 @@ def _info(name: str, title: str, views: tuple[int, ...], settings: FitSettings) 
     return MethodInfo(
         name=name,
         title=title,
-        version="1",
+        version="2",
         views=views,
         parts=(body_part(settings.body, settings.smplx_model), detection.part()),
         privileges=(
@@ -198,7 +198,7 @@ def _said(views: Views) -> dict[str, object]:
     if views.left_out:
         said["views_left_out"] = {str(index): why for index, why in views.left_out.items()}
     if len(views.views) == 1:
-        said["depth"] = "one view cannot tell size from distance: placed at the rig's centre"
+        said["depth"] = "one view cannot tell size from distance: its box is at the rig's centre"
     return said
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.core.errors import MissingPart
 from harness.core.files import exclusive_lock
-from methods.body.anatomy import blend_landmarks, free_joint, table, used_vertices
+from methods.body.anatomy import blend_landmarks, free_joint, sparse_vertices, table
 from methods.body.model import FreeJoint, LandmarkTable, Parameters, Posed
 from methods.body.offsets import ANNY_OFFSETS_MM
 from methods.body.parts import body_part
@@ -163,10 +163,10 @@ class AnnyBody:
         return blend_landmarks(self.landmarks, posed)
 
     def sparse(self) -> AnnyBody:
-        """The same body with only the vertices that its landmarks need; it has no faces."""
+        """The same body with few vertices, enough for landmarks and extent; it has no faces."""
         import torch
 
-        used, landmarks = used_vertices(self.landmarks)
+        used, landmarks = sparse_vertices(self.landmarks, len(self._model.template_vertices))
         rows = torch.from_numpy(used)
         model = copy.deepcopy(self._model)
         model.template_vertices = model.template_vertices[rows]

@@ -1,7 +1,8 @@
 """Bodies from landmarks alone: one per view, their average, and one for all views together.
 
 The fits to single views stand where the paper has PIXIE. One view cannot tell size from distance,
-so such a fit is placed at the distance of the rig's centre, the world's origin.
+so such a fit is placed at the distance of the rig's centre: the world's origin, where the middle of
+the subject's box is.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _SINGLE_STEPS, _SINGLE_RATE = 120, 0.05
 _JOINT_STEPS, _JOINT_RATE = 150, 0.03
 #: Standard deviations: of a landmark in the picture (as metres at the subject), of one in space.
 _PICTURE_M, _SPACE_M = 0.02, 0.06
-#: How far a single view's body may be from the origin's distance, metres.
+#: How far the middle of a single view's body may be from the origin's distance, metres.
 _DEPTH_M = 0.02
 _LEFT, _RIGHT = [11, 23], [12, 24]
 #: A view is called swapped where the other labelling fits this many times better.
@@ -41,7 +42,7 @@ def fit_each_view(
     """Parameters of N bodies, each fitted to one view's 2-D and 3-D landmarks.
 
     Args:
-        body: With its landmarks only (``sparse``).
+        body: Sparse will do.
         views: N views.
         detections: Of these views.
     """
@@ -57,8 +58,12 @@ def fit_each_view(
     start["orientation"] = torch.tensor(np.array(turns), dtype=torch.float32)[:, :, :2]
 
     def energy(parameters: Parameters) -> Tensor:
-        points = body.landmark_points(body.posed(parameters))
-        away = (parameters["translation"] * evidence.forward).sum(1) / _DEPTH_M
+        posed = body.posed(parameters)
+        points = body.landmark_points(posed)
+        root = parameters["translation"]
+        # Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
+        middle = root + (_box_middle(posed.vertices) - root).detach()
+        away = (middle * evidence.forward).sum(1) / _DEPTH_M
         space = _robust(evidence.space_error(points) / _SPACE_M)
         landmarks = _picture_terms(evidence, points) + evidence.confidence * space
         return (landmarks.sum(1) + prior(parameters) + 0.5 * away**2).sum()
@@ -116,6 +121,11 @@ def swapped_views(
             error = evidence.confidence * evidence.pixel_error(points)
             errors.append((error.sum(1) / evidence.confidence.sum(1)).numpy())
     return errors[0] > _CLEARLY * errors[1]
+
+
+def _box_middle(vertices: Tensor) -> Tensor:
+    """(B, 3) middle of each body's box in the world's axes."""
+    return (vertices.amin(1) + vertices.amax(1)) / 2
 
 
 def _picture_terms(evidence: Evidence, points: Tensor) -> Tensor:

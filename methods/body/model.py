@@ -133,7 +133,7 @@ class ParametricBody(Protocol):
         ...
 
     def sparse(self) -> ParametricBody:
-        """The same body with only the vertices that its landmarks need, for fits to landmarks."""
+        """The same body with few vertices, enough for its landmarks and its extent."""
         ...
 
     def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:

@@ -93,17 +93,20 @@ def _ring(count: int, pitch_deg: float = 0.0, height: int = 288) -> tuple[Camera
 
 @pytest.fixture(name="make_views", scope="session")
 def _make_views(anny, person):
-    """``make_views(cameras)``: what a perfect detector and perfect masks say of the person."""
+    """``make_views(cameras)``: what a perfect detector and perfect masks say of the person.
+
+    Or of another, whose posed values are given.
+    """
     from harness.core.mesh import Mesh
     from harness.geometry.raycast import Raycaster
     from methods.body.detection import COUNT, Detections
     from methods.body.views import View, Views, frame_side_px
 
-    _, posed, points = person
-    caster = Raycaster(Mesh(posed.vertices[0].double().numpy(), anny.faces))
     hips = [list(anny.landmarks.landmarks).index(hip) for hip in (23, 24)]
 
-    def make(cameras, normals: bool = False) -> Views:
+    def make(cameras, normals: bool = False, posed=person[1]) -> Views:
+        caster = Raycaster(Mesh(posed.vertices[0].double().numpy(), anny.faces))
+        points = anny.landmark_points(posed)[0].double().numpy()
         views, pixels, space, confidence = [], [], [], []
         for index, camera in enumerate(cameras):
             coverage = caster.coverage(camera, supersample=3)

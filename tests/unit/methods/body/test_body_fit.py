@@ -110,7 +110,7 @@ def test_the_joint_fit_is_better_than_the_average_and_that_than_one_view(
     assert joint < mean < front
     assert joint < 10
     np.testing.assert_array_equal(results[2].mesh.vertices, results[2].body.vertices)
-    assert "rig's centre" in str(results[0].details["depth"])
+    assert "box is at the rig's centre" in str(results[0].details["depth"])
     assert results[2].details["swapped_views"] == []
 
 

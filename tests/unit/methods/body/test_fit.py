@@ -51,6 +51,31 @@ def test_one_view_gives_the_pose_at_the_rigs_centre(anny, person, make_views):
 
 
 @pytest.mark.slow
+def test_one_view_of_a_reaching_body_centres_its_box_and_not_its_root(anny, make_views):
+    """The world's frame says where the box is: known is the answer for whatever pose and view."""
+    parameters = neutral(anny)
+    for side in "LR":
+        index = [joint.name for joint in anny.free].index(f"upperarm01.{side}")
+        parameters["pose"][0, index] = torch.tensor([-1.2, 0.0, 0.0])
+    with torch.no_grad():
+        box = anny.posed(parameters).vertices[0]
+        parameters["translation"] = -(box.amin(0) + box.amax(0))[None] / 2
+        truth = anny.posed(parameters)
+    root = parameters["translation"][0]
+    assert root[2] < -0.1
+    ring = make_views.ring(8)
+    views = make_views([ring[0], ring[1]], posed=truth)
+    found = fit_each_view(anny.sparse(), views.views, views.detections)
+    with torch.no_grad():
+        posed = anny.posed(found)
+    for view in range(2):
+        forward = torch.tensor(views.views[view].camera.forward, dtype=torch.float32)
+        box = posed.vertices[view]
+        assert abs((box.amin(0) + box.amax(0)) @ forward / 2) < 0.02
+        assert abs((found["translation"][view] - root) @ forward) < 0.04
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["ring8", "ring3", "uneven", "pitched"])
 def test_landmarks_of_several_views_give_the_body(anny, person, make_views, rig):
     cameras = {

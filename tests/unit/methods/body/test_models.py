@@ -77,9 +77,16 @@ def test_sparse_body_has_the_same_landmarks(anny, person):
     parameters, _, points = person
     sparse = anny.sparse()
     posed = sparse.posed(parameters)
-    assert posed.vertices.shape[1] < 1000
+    assert posed.vertices.shape[1] < 2000
     np.testing.assert_allclose(sparse.landmark_points(posed)[0].numpy(), points, atol=2e-6)
     assert len(anny.faces) > 20000
+
+
+def test_sparse_body_has_the_same_extent(anny, person):
+    parameters, full, _ = person
+    few, all_ = (p.vertices[0] for p in (anny.sparse().posed(parameters), full))
+    for side in (torch.amin, torch.amax):
+        torch.testing.assert_close(side(few, 0), side(all_, 0), atol=0.015, rtol=0)
 
 
 def test_landmarks_are_where_their_names_say(anny):
