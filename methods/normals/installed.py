@@ -203,8 +203,8 @@ def import_file(path: Path, name: str, place: Place, *, replace: bool = False) -
             hint="Give another one with --name",
         )
     network = _examined(path, name, place)
-    place.folder.mkdir(parents=True, exist_ok=True)
-    with exclusive_lock(place.folder / ".lock"):
+    # In the user's folder for both places: a lock is nothing to ship.
+    with exclusive_lock(imported_place().folder / ".lock"):
         entries = read_json(place.index) if place.index.is_file() else {}
         before = entries.get(name)
         if before and before.get("sha256") != network.sha256 and not replace:
@@ -216,8 +216,7 @@ def import_file(path: Path, name: str, place: Place, *, replace: bool = False) -
             )
         with atomic_path(network.path) as temporary:
             shutil.copyfile(path, temporary)
-            if file_sha256(temporary) != network.sha256:
-                raise DataError(f"{path} changed while it was copied", hint="Import it again")
+            _require_whole(path, temporary, network.sha256)
         write_json(place.index, dict(sorted({**entries, name: _entry(network)}.items())))
     return network
 
@@ -256,6 +255,19 @@ def _examined(path: Path, name: str, place: Place) -> Network:
         bytes=path.stat().st_size,
         place=place,
     )
+
+
+def _require_whole(path: Path, copy: Path, sha256: str) -> None:
+    if file_sha256(copy) != sha256:
+        raise DataError(f"{path} changed while it was copied", hint="Import it again")
+    try:
+        OnnxNormals(copy)
+    except DataError as error:
+        raise DataError(
+            f"{path} cannot be used without other files beside it",
+            got=error.got,
+            hint="Save it again with its weights inside",
+        ) from error
 
 
 def _entry(network: Network) -> dict[str, object]:

@@ -18,6 +18,8 @@ CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 #: Data files that packages may carry beside their modules.
 SHIPPED_DATA = {".yaml", ".json", ".npz", ".onnx"}
+#: Where networks lie, with a page on where they come from.
+WEIGHTS = "methods/normals/weights"
 #: An absolute path of somebody's machine: a leading slash that no word, dot or URL precedes.
 MACHINE_PATH = re.compile(r"(?<![\w./$}>~-])/(?:home|root|Users|work|tmp|mnt|opt)/[\w.]")
 
@@ -88,7 +90,8 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
     assert "harness/data/data_manifest.yaml" in code
     others = [name for name in code if not name.endswith(".py")]
     assert "harness/core/camera.py" in code
-    assert [name for name in others if Path(name).suffix not in SHIPPED_DATA] == []
+    unexpected = [name for name in others if Path(name).suffix not in SHIPPED_DATA]
+    assert set(unexpected) <= {f"{WEIGHTS}/PROVENANCE.md"}
 
 
 def test_the_wheel_holds_every_module_of_the_tree(wheel: list[str]) -> None:
@@ -99,6 +102,14 @@ def test_the_wheel_holds_every_module_of_the_tree(wheel: list[str]) -> None:
     }
 
     assert modules - set(wheel) == set()
+
+
+def test_the_wheel_holds_every_network_with_its_sum_and_provenance(wheel: list[str]) -> None:
+    networks = {path.relative_to(ROOT).as_posix() for path in (ROOT / WEIGHTS).glob("*.onnx")}
+    if not networks:
+        pytest.skip("no network is shipped")
+
+    assert networks | {f"{WEIGHTS}/weights.json", f"{WEIGHTS}/PROVENANCE.md"} <= set(wheel)
 
 
 def test_every_requirement_is_pinned_exactly() -> None:

@@ -33,6 +33,8 @@ def imported(*arguments: str) -> set[str]:
         (SCRIPT, "--help"),
         (SCRIPT, "eval", "--help"),
         (SCRIPT, "data", "list", "--help"),
+        (SCRIPT, "weights", "list"),
+        ("-c", "import methods.normals.installed"),
     ],
     ids=lambda arguments: " ".join(arguments).replace(SCRIPT, "harness"),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.core.errors import DataError, HarnessError, MissingPart
@@ -85,6 +86,28 @@ def test_what_is_shipped_says_what_it_was_trained_on(own, tmp_path, save_network
     assert installed.import_file(path, "mine", own).training_set == ""
     with pytest.raises(DataError, match="what it was trained on.*training_set"):
         installed.import_file(path, "open-normals", installed.shipped_place())
+
+
+def test_weights_beside_the_file_are_refused(own, tmp_path, save_network):
+    onnx = pytest.importorskip("onnx")
+    model = onnx.load(save_network(tmp_path / "n.onnx"))
+    rows = np.zeros((1, 3, 1, 1), np.float32)
+    model.graph.initializer.append(onnx.numpy_helper.from_array(rows, "offset"))
+    model.graph.node[0].CopyFrom(
+        onnx.helper.make_node("Add", ["body_front", "offset"], ["front"], name="add")
+    )
+    path = tmp_path / "split.onnx"
+    onnx.save(model, path, save_as_external_data=True, location="split.data", size_threshold=0)
+    with pytest.raises(DataError, match="split.onnx cannot be used without other files"):
+        installed.import_file(path, "mine", own)
+    assert installed.listed(own) == []
+    assert list(own.folder.glob("*.onnx")) == []
+
+
+def test_nothing_but_network_and_index_is_shipped(places, file):
+    place = installed.shipped_place()
+    installed.import_file(file, "open-normals", place)
+    assert {path.name for path in place.folder.iterdir()} == {"open-normals.onnx", "weights.json"}
 
 
 def test_a_file_that_is_not_the_one_is_not_used(own, file):

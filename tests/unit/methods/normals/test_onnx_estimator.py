@@ -34,6 +34,9 @@ class Spy:
     def __init__(self, session) -> None:
         self.session, self.feeds = session, {}
 
+    def __getattr__(self, name):
+        return getattr(self.session, name)
+
     def run(self, outputs, feeds):
         self.feeds = feeds
         return self.session.run(outputs, feeds)
@@ -140,6 +143,12 @@ def test_where_the_subject_stands_does_not_matter_to_a_window(tmp_path, pictures
     network(*(np.pad(each, ((40, 7), (3, 90)) + ((0, 0),) * (each.ndim - 2)) for each in pictures))
     for name in ("image", "mask"):
         np.testing.assert_array_equal(spy.feeds[name], before[name])
+
+
+def test_a_trial_is_on_a_size_that_halves_five_times_and_not_six(tmp_path, save_network):
+    network, spy = spied(save_network(tmp_path / "n.onnx", window="mask"))
+    network.trial()
+    assert spy.feeds["image"].shape == (1, 3, 96, 96)
 
 
 @pytest.mark.parametrize("window", ["", "mask"])

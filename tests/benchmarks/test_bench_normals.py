@@ -1,0 +1,92 @@
+"""What a view costs the shipped normal network, against a second of the same machine.
+
+The ruler is a stack of plain 3 x 3 convolutions of known work, run by the same onnxruntime: about
+what two free cores with AVX-512 do in a second. Both meet whatever else the machine does, in turns.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.core.errors import MissingPart
+from methods.normals import NormalChoice
+
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("onnxruntime")
+
+SIDE = 512
+CHANNELS, LAYERS, RULER_SIDE = 64, 32, 256
+#: Multiplications and additions of the ruler, in thousands of millions.
+RULER_GFLOP = LAYERS * 2 * 9 * CHANNELS**2 * RULER_SIDE**2 / 1e9
+ROUNDS = 3
+
+
+def ruler(path: Path):
+    """A function that does the ruler's work once."""
+    import onnxruntime
+
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    shape = [1, CHANNELS, RULER_SIDE, RULER_SIDE]
+    rng = np.random.default_rng(0)
+    # Of a size that keeps what goes through the stack neither growing nor vanishing.
+    size = (9 * CHANNELS) ** -0.5
+    weights = [
+        onnx.numpy_helper.from_array(
+            rng.normal(0, size, (CHANNELS, CHANNELS, 3, 3)).astype(np.float32), f"w{layer}"
+        )
+        for layer in range(LAYERS)
+    ]
+    nodes = [
+        helper.make_node("Conv", [f"x{layer}", f"w{layer}"], [f"x{layer + 1}"], pads=[1, 1, 1, 1])
+        for layer in range(LAYERS)
+    ]
+    ends = [helper.make_tensor_value_info(name, kind, shape) for name in ("x0", f"x{LAYERS}")]
+    graph = helper.make_graph(nodes, "ruler", ends[:1], ends[1:], weights)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    path.write_bytes(model.SerializeToString())
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    picture = rng.normal(size=shape).astype(np.float32)
+    return lambda: session.run(None, {"x0": picture})
+
+
+@pytest.fixture(scope="module")
+def network():
+    try:
+        return NormalChoice("open").estimator(None, {})  # type: ignore[arg-type]
+    except MissingPart as error:
+        pytest.skip(f"the open network is not shipped: {error}")
+
+
+def view() -> tuple[np.ndarray, ...]:
+    """A photo as crops are: the subject fills nine tenths of the height and two thirds across."""
+    y, x = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
+    squared = (x / 0.33) ** 2 + (y / 0.45) ** 2
+    mask = squared < 1
+    near = np.dstack([x / 0.33, -y / 0.45, np.sqrt(np.clip(1 - squared, 0, 1))])
+    rgb = np.random.default_rng(0).random((SIDE, SIDE, 3)) * mask[..., None]
+    near = near * mask[..., None]
+    return rgb, mask.astype(np.float64), near, near * (1, 1, -1)
+
+
+def seconds(work) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+@pytest.mark.slow
+def test_a_view_takes_less_than_a_second_of_two_cores(benchmark, network, tmp_path):
+    pictures, plain = view(), ruler(tmp_path / "ruler.onnx")
+    plain()
+    # In turns, so that whatever else the machine does meets both; the best of each is its cost.
+    pairs = [(seconds(lambda: network(*pictures)), seconds(plain)) for _ in range(ROUNDS)]
+    ours, second = (min(times) for times in zip(*pairs, strict=True))
+    front, _ = benchmark.pedantic(network, args=pictures, rounds=2)
+    benchmark.extra_info["share_of_the_ruler"] = ours / second
+    benchmark.extra_info["ruler_gflop_per_s"] = RULER_GFLOP / second
+    np.testing.assert_allclose(np.linalg.norm(front, axis=2), pictures[1], atol=1e-6)
+    assert ours < second, pairs
