@@ -15,8 +15,9 @@ from harness.core.artifacts import image_name
 from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
-from harness.geometry.images import linear_from_srgb, load_rgb, save_png, srgb_from_linear
+from harness.geometry.images import load_rgb, save_png, srgb_from_linear
 from harness.geometry.raycast import Hits, Raycaster
+from harness.geometry.texture import linear_texture, texture_at
 from renderers.protocol import Progress, RenderOutcome, texture_of
 from renderers.studio import key_light_position
 
@@ -41,7 +42,7 @@ class RaycastRenderer:
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
-        texture = linear_from_srgb(np.arange(256) / 255.0)[load_rgb(texture_of(mesh))]
+        texture = linear_texture(load_rgb(texture_of(mesh)))
         caster = Raycaster(mesh)
         cameras = recipe.cameras()
         for view, camera in enumerate(cameras):
@@ -62,7 +63,7 @@ def _picture(
         window.width * _SUPERSAMPLE, window.height * _SUPERSAMPLE
     )
     hits = caster.cast(fine)
-    colour = _texture_at(hits, caster.mesh, texture) * _light(hits, caster, fine, recipe)[..., None]
+    colour = texture_at(hits, caster.mesh, texture) * _light(hits, caster, fine, recipe)[..., None]
     blocks = (window.height, _SUPERSAMPLE, window.width, _SUPERSAMPLE)
     alpha = hits.mask.reshape(blocks).mean(axis=(1, 3))[..., None]
     premultiplied = colour.reshape(*blocks, 3).mean(axis=(1, 3))
@@ -81,21 +82,3 @@ def _light(hits: Hits, caster: Raycaster, camera: Camera, recipe: RenderRecipe) 
     toward_key = key_light_position(camera)
     facing = np.maximum(normals_world @ (toward_key / np.linalg.norm(toward_key)), 0.0)
     return recipe.light_strength + recipe.key_light_strength * facing
-
-
-def _texture_at(hits: Hits, mesh: Mesh, texture: Floats) -> Floats:
-    """(H, W, 3) linear colour at every hit, bilinear, repeating; 0 where nothing is met."""
-    from scipy.ndimage import map_coordinates
-
-    assert mesh.uv is not None
-    assert mesh.face_uv is not None
-    height, width, _ = texture.shape
-    u, v = np.moveaxis(hits.interpolate(mesh.uv, mesh.face_uv)[hits.mask], 1, 0)
-    # The texture's v grows upward and texel centres lie at half steps.
-    where = np.stack([(1.0 - v) * height - 0.5, u * width - 0.5])
-    colour = np.zeros((*hits.mask.shape, 3))
-    for channel in range(3):
-        colour[hits.mask, channel] = map_coordinates(
-            texture[..., channel], where, order=1, mode="grid-wrap"
-        )
-    return colour

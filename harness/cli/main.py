@@ -11,7 +11,18 @@ import sys
 
 import typer
 
-from harness.cli import check, data, doctor, evaluate, quickstart, render, report, score, weights
+from harness.cli import (
+    check,
+    data,
+    doctor,
+    evaluate,
+    quickstart,
+    render,
+    report,
+    score,
+    train,
+    weights,
+)
 from harness.core.errors import HarnessError
 
 __all__ = ["app", "main"]
@@ -33,6 +44,7 @@ app.command("eval")(evaluate.evaluate)
 app.command("score")(score.score)
 app.command("report")(report.report)
 app.command("check")(check.check)
+app.add_typer(train.app, name="train")
 app.add_typer(weights.app, name="weights")
 
 

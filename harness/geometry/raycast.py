@@ -168,8 +168,16 @@ class Raycaster:
 
     def answer(self, origins_world: Floats, directions_world: Floats) -> Any:
         """Open3D's answer to rays (N, 3), (N, 3) from anywhere, world metres."""
+        return self._scene.cast_rays(self._rays_from(origins_world, directions_world))
+
+    def blocked(self, origins_world: Floats, directions_world: Floats) -> NDArray[np.bool_]:
+        """(N,) whether rays (N, 3), (N, 3) from anywhere, world metres, meet the mesh at all."""
+        rays = self._rays_from(origins_world, directions_world)
+        return self._scene.test_occlusions(rays).numpy()
+
+    def _rays_from(self, origins_world: Floats, directions_world: Floats) -> Any:
         rays = np.concatenate([origins_world - self._centre, directions_world], axis=1)
-        return self._scene.cast_rays(self._tensor(rays.astype(np.float32)))
+        return self._tensor(rays.astype(np.float32))
 
     def window(self, camera: Camera) -> Rectangle:
         """The window of pixels in which the mesh lies."""

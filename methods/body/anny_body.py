@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import functools
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -145,10 +146,20 @@ class AnnyBody:
 
     def posed(self, parameters: Parameters) -> Posed:
         """The bodies of some parameters, world frame."""
-        output = self._model(
-            pose_parameters=self._pose_parameters(parameters),
-            phenotype_kwargs=self._phenotypes(parameters["shape"]),
-        )
+        return self._posed(self._pose_parameters(parameters), self._phenotypes(parameters["shape"]))
+
+    def posed_as(
+        self, pose_parameters: NDArray[np.float64], phenotype: Mapping[str, float]
+    ) -> Posed:
+        """One body from what ``export`` gives, or from a truth's file, world frame."""
+        import torch
+
+        pose = torch.as_tensor(pose_parameters, dtype=torch.float32)[None]
+        with torch.no_grad():
+            return self._posed(pose, dict(phenotype))
+
+    def _posed(self, pose_parameters: Tensor, phenotypes: Mapping[str, Tensor | float]) -> Posed:
+        output = self._model(pose_parameters=pose_parameters, phenotype_kwargs=phenotypes)
         turn = self._to_world
         poses = output["bone_poses"]
         reference = self._model.reference_bone_orientations
@@ -190,6 +201,19 @@ class AnnyBody:
             "phenotype": values,
             "phenotype_names": np.array(self._model.phenotype_labels),
         }
+
+    def recreated(
+        self, pose_parameters: NDArray[np.float64], phenotype: Mapping[str, float]
+    ) -> NDArray[np.float64]:
+        """(V, 3) metres, world frame: the surface of what ``export`` gives, or a truth's file."""
+        import torch
+
+        with torch.no_grad():
+            output = self._model(
+                pose_parameters=torch.as_tensor(pose_parameters, dtype=torch.float32)[None],
+                phenotype_kwargs=dict(phenotype),
+            )
+        return output["vertices"][0].double().numpy() @ _ANNY_TO_WORLD.T.astype(np.float64)
 
     def _phenotypes(self, shape: Tensor) -> dict[str, Tensor]:
         import torch

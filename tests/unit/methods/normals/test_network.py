@@ -1,0 +1,75 @@
+"""The open network's shape, its start, and that its file answers as it does."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from methods.normals.export import export_network  # noqa: E402
+from methods.normals.network import MULTIPLE, NormalNetwork  # noqa: E402
+from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
+
+ABOUT = {"name": "test", "licence": "CC0-1.0", "training_set": "none", "window": "mask"}
+
+
+def inputs(height, width, seed=0):
+    draw = torch.Generator().manual_seed(seed)
+    return [torch.randn(1, channels, height, width, generator=draw) for channels in (3, 1, 3, 3)]
+
+
+@pytest.fixture(name="stirred", scope="module")
+def _stirred():
+    """A small network whose answer is not just the body's normals."""
+    torch.manual_seed(1)
+    network = NormalNetwork(8, (16, 24, 24, 32))
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(0.05 * torch.randn(parameter.shape))
+    return network.eval()
+
+
+def test_an_untrained_network_answers_with_the_body():
+    _, _, front, back = maps = inputs(2 * MULTIPLE, 3 * MULTIPLE)
+    answers = NormalNetwork(8, (16, 24, 24, 32))(*maps)
+    for answer, wanted in zip(answers, (front, back), strict=True):
+        torch.testing.assert_close(answer, wanted)
+
+
+def test_every_input_matters_to_both_sides(stirred):
+    maps = inputs(MULTIPLE, MULTIPLE)
+    before = stirred(*maps)
+    for k in range(4):
+        other = [value + (0.5 if k == j else 0.0) for j, value in enumerate(maps)]
+        for now, then in zip(stirred(*other), before, strict=True):
+            assert (now - then).abs().max() > 1e-4
+
+
+def test_it_looks_at_far_pixels_but_answers_in_place(stirred):
+    maps = inputs(4 * MULTIPLE, 4 * MULTIPLE)
+    moved = [value.roll(MULTIPLE, dims=3) for value in maps]
+    plain, rolled = stirred(*maps)[0], stirred(*moved)[0].roll(-MULTIPLE, dims=3)
+    # Away from the borders the answer moves along with the picture.
+    middle = slice(MULTIPLE + 30, -MULTIPLE - 30)
+    nearer = (plain - rolled)[..., middle].abs().mean()
+    assert nearer < 0.1 * (plain - plain.roll(MULTIPLE, dims=3)).abs().mean()
+
+
+def test_the_shipped_size_fits_in_twenty_megabytes():
+    count = sum(parameter.numel() for parameter in NormalNetwork().parameters())
+    assert 4 * count < 20e6
+
+
+def test_the_exported_file_is_an_estimator(stirred, tmp_path):
+    path = tmp_path / "network.onnx"
+    export_network(stirred, path, ABOUT)
+    estimator = OnnxNormals(path)
+    assert (estimator.part.name, estimator.part.licence) == ("test", "CC0-1.0")
+    draw = np.random.default_rng(0)
+    mask = np.zeros((90, 70))
+    mask[20:80, 10:60] = 1.0
+    body = draw.normal(size=(2, 90, 70, 3)) * mask[..., None]
+    body /= np.linalg.norm(body, axis=3, keepdims=True) + (mask == 0)[..., None]
+    front, back = estimator(draw.random((90, 70, 3)), mask, body[0], body[1])
+    for normals in (front, back):
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=2), mask, atol=1e-6)
+    assert np.abs(front - body[0]).max() > 0.01
