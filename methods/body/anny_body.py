@@ -202,19 +202,6 @@ class AnnyBody:
             "phenotype_names": np.array(self._model.phenotype_labels),
         }
 
-    def recreated(
-        self, pose_parameters: NDArray[np.float64], phenotype: Mapping[str, float]
-    ) -> NDArray[np.float64]:
-        """(V, 3) metres, world frame: the surface of what ``export`` gives, or a truth's file."""
-        import torch
-
-        with torch.no_grad():
-            output = self._model(
-                pose_parameters=torch.as_tensor(pose_parameters, dtype=torch.float32)[None],
-                phenotype_kwargs=dict(phenotype),
-            )
-        return output["vertices"][0].double().numpy() @ _ANNY_TO_WORLD.T.astype(np.float64)
-
     def _phenotypes(self, shape: Tensor) -> dict[str, Tensor]:
         import torch
 

@@ -72,4 +72,4 @@ def as_fitted(body: AnnyBody, truth: TrueParameters, errors: FitErrors, seed: in
         name: float(np.clip(value + scale * errors.phenotype * draw.normal(), 0.0, 1.0))
         for name, value in truth.phenotype.items()
     }
-    return body.recreated(pose, phenotype)
+    return body.posed_as(pose, phenotype).vertices[0].double().numpy()
