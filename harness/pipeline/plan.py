@@ -64,19 +64,21 @@ def resolve_method(name: str, settings: Mapping[str, str]) -> Method:
 
     Raises:
         HarnessError: an unknown method or setting, or settings for a method that has none.
-        MissingPart: it is not installed.
+        MissingPart: it, or one of its parts, is not installed.
     """
     from methods.catalog import METHODS
 
     method: Method = METHODS.resolve(name)
-    if not settings:
-        return method
-    configured = getattr(method, "configured", None)
-    if configured is None:
-        raise HarnessError(
-            f"method '{name}' has no settings", got=", ".join(settings), hint="Leave --set out"
-        )
-    return configured(settings)
+    if settings:
+        configured = getattr(method, "configured", None)
+        if configured is None:
+            raise HarnessError(
+                f"method '{name}' has no settings", got=", ".join(settings), hint="Leave --set out"
+            )
+        method = configured(settings)
+    # What a method is made of is told on demand: asked now, not after photos have been made.
+    _ = method.info
+    return method
 
 
 def record_key(
@@ -119,7 +121,13 @@ def _changed(
 
 
 def plan(request: EvalRequest) -> list[Cell]:
-    """All cells of a request, by subject and then by method, without doing any work."""
+    """All cells of a request, by subject and then by method, without doing any work.
+
+    Raises:
+        HarnessError: as ``resolve_method``.
+    """
+    for method in request.methods:
+        resolve_method(method, request.settings)
     cells = []
     for subject in request.source.subjects:
         state, why = request.source.capture_state(subject)

@@ -8,7 +8,7 @@ import pytest
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.settings import MetricProtocol
 from harness.geometry.sides import SidedRaycaster
-from harness.pipeline.plan import record_key
+from harness.pipeline.plan import record_key, resolve_method
 from methods.econ import econ
 from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.view_maps import filled_normals
@@ -131,6 +131,12 @@ def test_methods_can_do_without_a_network_that_is_not_there(places):
         _ = missing.info
     parts = missing.configured({"normals": "body"}).info.parts
     assert "normals of the fitted body" in [part.name for part in parts]
+
+
+def test_a_request_without_its_network_ends_before_any_work(places):
+    with pytest.raises(MissingPart, match="no network 'open-normals'"):
+        resolve_method("econ", {"normals": "open"})
+    assert resolve_method("econ", {"normals": "body"}).info.name == "econ"
 
 
 def test_another_network_is_another_record(places, save_network):
