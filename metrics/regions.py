@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from harness.core.mesh import Mesh
 from metrics.score import PointErrors
 
-__all__ = ["FAR_MM", "FaceRegions", "RegionErrors", "region_errors"]
+__all__ = ["BODY_REGIONS", "FAR_MM", "FaceRegions", "RegionErrors", "region_errors"]
 
 #: True surface farther than this from the prediction is missing from it; predicted surface farther
 #: than this from the truth is a bulge.
 FAR_MM = 50.0
+#: Labels of the person; what has any other label is worn.
+BODY_REGIONS = frozenset({"head", "eyes", "hair", "torso", "arms", "hands", "legs", "feet"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +34,11 @@ class FaceRegions:
 
     names: tuple[str, ...]
     of_face: NDArray[np.int64]
+
+    @property
+    def worn(self) -> NDArray[np.bool_]:
+        """(F,) whether a face is of a garment or a shoe."""
+        return np.array([name not in BODY_REGIONS for name in self.names], dtype=bool)[self.of_face]
 
 
 @dataclass(frozen=True, slots=True)

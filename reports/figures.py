@@ -124,11 +124,11 @@ def colour_bar(figure: Any, axes: Any, scale: ErrorScale) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    colours = ScalarMappable(Normalize(0.0, scale.limit_mm), scale.colours)
+    colours = ScalarMappable(Normalize(0.0, scale.limit), scale.colours)
     # At most as long as two rows, however many subjects there are.
     share = min(0.6, 2.0 / len(axes))
     bar = figure.colorbar(colours, ax=axes, shrink=share, aspect=25, extend="max")
-    bar.set_label("distance to the true surface (mm)", fontsize=9)
+    bar.set_label(scale.label, fontsize=9)
 
 
 def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -> None:

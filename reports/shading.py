@@ -28,24 +28,24 @@ class ErrorScale:
     """Which colour stands for which error, shared by all panels of a figure.
 
     Attributes:
-        limit_mm: Error of the last colour; larger ones share it.
+        limit: Error of the last colour; larger ones share it.
+        label: What the errors are, with their unit.
         colours: Name of a matplotlib colour map.
     """
 
-    limit_mm: float
+    limit: float
+    label: str = "distance to the true surface (mm)"
     colours: str = "viridis"
 
     def __post_init__(self) -> None:
-        if not self.limit_mm > 0:
-            raise DataError(
-                "an error scale has no range", expected="> 0 mm", got=str(self.limit_mm)
-            )
+        if not self.limit > 0:
+            raise DataError("an error scale has no range", expected="> 0", got=str(self.limit))
 
-    def rgb(self, errors_mm: Floats) -> Floats:
-        """(..., 3) in [0, 1] for errors (...) in millimetres."""
+    def rgb(self, errors: Floats) -> Floats:
+        """(..., 3) in [0, 1] for errors (...) in the limit's unit."""
         from matplotlib import colormaps
 
-        share = np.clip(np.asarray(errors_mm) / self.limit_mm, 0.0, 1.0)
+        share = np.clip(np.asarray(errors) / self.limit, 0.0, 1.0)
         return np.asarray(colormaps[self.colours](share))[..., :3]
 
 

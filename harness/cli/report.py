@@ -23,7 +23,7 @@ __all__ = ["report"]
 
 def report(
     table: Annotated[
-        str, typer.Option("--table", help="geometry, cost, jmbo or regions.")
+        str, typer.Option("--table", help="geometry, cost, jmbo, regions or normals.")
     ] = "geometry",
     form: Annotated[
         str, typer.Option("--format", help="markdown, latex, csv or json.")
@@ -45,7 +45,7 @@ def report(
     figure: Annotated[
         str,
         typer.Option(
-            "--figure", help="A figure instead: qualitative, overlay, bodies or failures."
+            "--figure", help="A figure instead: qualitative, overlay, bodies, failures or normals."
         ),
     ] = "",
     workspace: WorkspacePath = None,

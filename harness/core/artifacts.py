@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.camera import Camera
-from harness.core.errors import DataError
+from harness.core.errors import DataError, MethodError
 from harness.core.files import read_json
 from harness.core.mesh import Mesh
 
@@ -25,6 +25,7 @@ __all__ = [
     "CAPTURE_SCHEMA",
     "Body",
     "Capture",
+    "NormalMaps",
     "Reconstruction",
     "Scan",
     "StageCost",
@@ -199,6 +200,45 @@ class Body:
     parameters: Mapping[str, NDArray[Any]]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalMaps:
+    """The clothed normals that a method estimated in one view, to be compared with the scan's.
+
+    Maps are (H, W, 3) unit normals inside the mask, 0 outside: x right, y up, z towards the viewer.
+    The near side is what the photo shows, the far side the last surface along the same rays.
+
+    Attributes:
+        view: Index in the capture.
+        camera: Whose pixels the maps have: a view's own, or a crop of it at another size.
+        mask: (H, W) where the subject is.
+        front, back: The estimate of the near and of the far side.
+        body_front, body_back: The fitted body's own normals, the floor of an estimate.
+
+    Raises:
+        MethodError: a map that is not of the camera's size.
+    """
+
+    view: int
+    camera: Camera
+    mask: NDArray[np.bool_]
+    front: Floats
+    back: Floats
+    body_front: Floats
+    body_back: Floats
+
+    def __post_init__(self) -> None:
+        size = (self.camera.height, self.camera.width)
+        for name in ("mask", "front", "back", "body_front", "body_back"):
+            expected = size if name == "mask" else (*size, 3)
+            got = getattr(self, name).shape
+            if got != expected:
+                raise MethodError(
+                    f"the {name.replace('_', ' ')} map of view {self.view} does not fit its camera",
+                    expected=f"shape {expected}",
+                    got=f"shape {got}",
+                )
+
+
 @dataclass(frozen=True, slots=True)
 class Reconstruction:
     """What a method made of a capture.
@@ -207,8 +247,10 @@ class Reconstruction:
         mesh: Clothed surface, metres, world frame.
         body: The fitted body, for methods that fit one.
         details: Whatever a reader of the record should know, as JSON values.
+        normals: Of the views in which normals were estimated, for methods that do.
     """
 
     mesh: Mesh
     body: Body | None = None
     details: Mapping[str, object] = field(default_factory=dict[str, object])
+    normals: tuple[NormalMaps, ...] = ()

@@ -15,4 +15,5 @@ class Unit(str, Enum):
     millimetre = "mm"
     degree = "deg"
     ratio = "ratio"
+    percent = "%"
     none = "1"

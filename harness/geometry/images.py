@@ -20,6 +20,7 @@ __all__ = [
     "load_mask",
     "load_rgb",
     "load_rgba",
+    "normal_colours",
     "resampled",
     "save_png",
     "srgb_from_linear",
@@ -101,6 +102,12 @@ def _open_png(path: Path) -> Image:
             got=str(error),
             hint="It may be truncated: delete it and make it again",
         ) from error
+
+
+def normal_colours(normals: Floats) -> Floats:
+    """(H, W, 3) in [0, 1]: the usual colours of a normal map, white where there is none."""
+    there = normals.any(axis=2, keepdims=True)
+    return np.where(there, (normals + 1.0) / 2.0, 1.0)
 
 
 def save_png(path: Path, image: ArrayLike) -> None:

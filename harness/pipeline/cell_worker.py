@@ -21,6 +21,8 @@ from harness.core.settings import MetricProtocol
 from harness.core.workers import Progress, worker_main
 from harness.pipeline.body_scoring import TrueBody, body_metrics
 from harness.pipeline.cost import StageMeter
+from harness.pipeline.normal_files import save_normals
+from harness.pipeline.normal_scoring import normal_details
 from harness.pipeline.oracle_normals import OracleNormals
 from harness.pipeline.plan import resolve_method
 from harness.pipeline.region_scoring import scored
@@ -54,6 +56,9 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
         _save_body(cell / "body.npz", result.body)
         found = body_metrics(result.body, capture, truth, TrueBody.of(scan))
         told["metrics"] |= {name: value.to_dict() for name, value in found.items()}
+    if result.normals:
+        save_normals(cell / "normals.npz", result.normals)
+        told["details"] |= normal_details(result.normals, scan, truth)
     return told
 
 

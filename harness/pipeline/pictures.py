@@ -14,6 +14,7 @@ from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
 from harness.core.records import Record
 from harness.core.units import MM_PER_METRE
+from harness.pipeline.normal_pictures import normals
 from harness.pipeline.sources import Source
 from harness.pipeline.store import RunStore
 
@@ -51,7 +52,7 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
             meshes.append(MethodMesh(title, mesh, errors))
         capture = Capture.load(source.capture_directory(subject))
         panels.append(SubjectPanels(capture, truth, tuple(meshes)))
-    qualitative_grid(panels, path, ErrorScale(limit_mm=largest))
+    qualitative_grid(panels, path, ErrorScale(limit=largest))
     return path
 
 
@@ -122,7 +123,7 @@ def failures(store: RunStore, source: Source, records: Sequence[Record], path: P
     chosen = worst_subjects(told.values(), _MOST_FAILURES)
     titles = {record.method_name: str(record.method["title"]) for record in told.values()}
     rows = [_failure_row(store, source, subject, titles, told) for subject in chosen]
-    failure_grid(rows, path, ErrorScale(limit_mm=FAR_MM))
+    failure_grid(rows, path, ErrorScale(limit=FAR_MM))
     return path
 
 
@@ -160,6 +161,7 @@ FIGURES = {
     "overlay": overlay,
     "bodies": bodies,
     "failures": failures,
+    "normals": normals,
 }
 
 

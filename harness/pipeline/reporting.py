@@ -16,6 +16,7 @@ from reports.geometry import geometry_table
 from reports.jmbo import jmbo_table
 from reports.latex import to_latex
 from reports.markdown import to_markdown
+from reports.normal_maps import normals_table
 from reports.regions import regions_table
 from reports.tables import Table
 
@@ -29,6 +30,7 @@ TABLES: Mapping[str, Callable[..., Table]] = {
     "cost": cost_table,
     "jmbo": jmbo_table,
     "regions": regions_table,
+    "normals": normals_table,
 }
 #: Writer and file name extension by format.
 FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {

@@ -15,7 +15,7 @@ from harness.pipeline.workspace import Workspace
 __all__ = ["RunStore"]
 
 _RUN_FILE = "run.json"
-_CELL_FILES = ("record.json", "mesh.ply", "body.npz")
+_CELL_FILES = ("record.json", "mesh.ply", "body.npz", "normals.npz")
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.artifacts import Capture, Reconstruction
+from harness.core.artifacts import Capture, NormalMaps, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.files import atomic_path
 from harness.core.mesh import Mesh
@@ -24,6 +24,7 @@ from harness.geometry.images import save_png
 from harness.geometry.sides import SidedRaycaster
 from methods.body_fit import BodyFit, FitSettings, body_model
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
+from methods.normals.view_maps import filled_normals
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import BodyPrior, FrontBackDepth, integrate_front_back
 from methods.surface.fusion import FusionParameters, concatenated, fused
@@ -166,7 +167,12 @@ class ClothedMethod:
             "integration_rounds": [len(depth.energies) for depth in depths],
             "part_faces": {part.source: len(part.faces) for part in parts},
         }
-        return Reconstruction(mesh=mesh, body=body, details={**fitted.details, **details})
+        return Reconstruction(
+            mesh=mesh,
+            body=body,
+            normals=tuple(map(_handed_out, maps)),
+            details={**fitted.details, **details},
+        )
 
     def _maps(self, capture: Capture, skin: Mesh, context: Context) -> list[ViewMaps]:
         choice, caster = self.settings.normal_choice, SidedRaycaster(skin)
@@ -189,6 +195,20 @@ class ClothedMethod:
         return [*sheets, *([] if completion is None else [completion]), *hands]
 
 
+def _handed_out(maps: ViewMaps) -> NormalMaps:
+    """A view's maps for others to measure; the body's reach as far as the estimate's."""
+    mask = maps.view.mask
+    return NormalMaps(
+        view=maps.view.index,
+        camera=maps.view.camera,
+        mask=mask,
+        front=maps.front,
+        back=maps.back,
+        body_front=filled_normals(maps.body_front, mask),
+        body_back=filled_normals(maps.body_back, mask),
+    )
+
+
 def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> MethodInfo:
     choice = settings.normal_choice
     own = {**asdict(settings), "normals_model": bool(settings.normals_model)}
@@ -196,7 +216,7 @@ def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> Me
         fit.info,
         name=names[0],
         title=names[1],
-        version="1",
+        version="2",
         parts=(*fit.info.parts, choice.part),
         privileges=tuple(dict.fromkeys((*fit.info.privileges, *choice.privileges))),
         parameters={**fit.info.parameters, **own},

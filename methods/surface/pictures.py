@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from harness.core.camera import Camera
 from harness.core.mesh import Mesh
+from harness.geometry.images import normal_colours
 from harness.geometry.raycast import Raycaster
 from methods.normals import ViewMaps
 
@@ -86,12 +87,6 @@ def shaded(
         picture[seen] = light[seen, None] * colour
         nearest[seen] = hits.depth[seen]
     return picture
-
-
-def normal_colours(normals: Floats) -> Floats:
-    """(H, W, 3) in [0, 1]: the usual colours of a normal map, white where there is none."""
-    there = np.abs(normals).sum(axis=2, keepdims=True) > 0
-    return np.where(there, (normals + 1.0) / 2.0, 1.0)
 
 
 def _shown_width(all_maps: Sequence[ViewMaps]) -> float:

@@ -21,7 +21,12 @@ RECORDS = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
 SHARES = {"area_share": 0.2, "missing_share": 0.0, "bulge_share": 0.0}
 MEANS = {"accuracy_mm": 3.0, "completeness_mm": 4.0, "normal_error_deg": 9.0}
 HEAD = {**SHARES, **MEANS, "n_predicted": 10, "n_truth": 10}
-LABELLED = [replace(r, details={**r.details, "regions": {"head": HEAD}}) for r in RECORDS]
+PIXELS = {"mean_deg": 9.0, "median_deg": 7.0, "n": 10}
+PIXELS |= dict.fromkeys(("share_below_11_25", "share_below_22_5", "share_below_30"), 0.9)
+FRONT = {"view": 0, "yaw_deg": 0.0, "side": "near", "clothed": None}
+MAPS = [{**FRONT, "all": {"estimate": PIXELS, "body": PIXELS}}]
+DETAILS = {"regions": {"head": HEAD}, "normal_maps": MAPS}
+LABELLED = [replace(r, details={**r.details, **DETAILS}) for r in RECORDS]
 OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
 
 
@@ -73,7 +78,11 @@ def test_an_unknown_name_is_refused_with_the_nearest_one(request_, match):
 
 @pytest.mark.parametrize(
     ("table", "match"),
-    [("regions", "the table 'regions'.*Visual hull"), ("jmbo", "the table 'jmbo'.*Visual hull")],
+    [
+        ("regions", "the table 'regions'.*Visual hull"),
+        ("jmbo", "the table 'jmbo'.*Visual hull"),
+        ("normals", "the table 'normals'.*Visual hull"),
+    ],
 )
 def test_a_table_that_nobody_has_numbers_for_is_refused_when_asked_for(table, match):
     with pytest.raises(HarnessError, match=match):

@@ -62,7 +62,7 @@ def test_the_light_comes_from_the_upper_left(capture):
 
 
 def test_an_error_has_its_colour(capture):
-    mesh, scale = ball(), ErrorScale(limit_mm=20.0)
+    mesh, scale = ball(), ErrorScale(limit=20.0)
     for error in (0.0, 7.0, 20.0, 500.0):
         picture = heat(
             Raycaster(mesh), capture.cameras[0], np.full(len(mesh.vertices), error), scale

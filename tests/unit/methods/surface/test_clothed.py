@@ -114,6 +114,13 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
     assert open_edges(result.mesh) == 0
     assert result.mesh.signed_volume == pytest.approx(4 / 3 * np.pi * RADII.prod(), rel=0.06)
     assert distances_mm(result.mesh).mean() < 6.0
+    # The maps that others measure are the estimator's, in the view's own camera.
+    assert [maps.view for maps in result.normals] == list(method._plan.views)
+    for maps in result.normals:
+        true = SidedRaycaster(figure()).normals(maps.camera, "far")
+        seen = maps.mask & true.any(axis=2)
+        np.testing.assert_allclose(maps.back[seen], true[seen], atol=1e-9)
+        assert (np.linalg.norm(maps.body_back[maps.mask], axis=1) > 0.999).all()
     unseen = tmp_path / "unseen"
     unseen.mkdir()
     again = method.reconstruct(capture, context(unseen, keep=False)).mesh
