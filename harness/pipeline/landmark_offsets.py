@@ -1,0 +1,138 @@
+"""Measures what ``methods/body/offsets.py`` holds, on generated people whose body is known.
+
+``python -m harness.pipeline.landmark_offsets t00001..t00020`` makes these training avatars and
+their photos (by ray casting) in the workspace unless they are there, and prints the table to put
+into that module, with the landmarks' spread. Never run it on subjects that are tested on.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Scan
+from harness.core.camera import Camera
+from harness.core.errors import DataError, HarnessError
+from harness.core.units import MM_PER_METRE
+
+if TYPE_CHECKING:
+    from methods.body.anny_body import AnnyBody
+    from methods.body.detection import Detections
+    from methods.body.model import LandmarkTable, Posed
+
+__all__ = ["deviations_mm", "symmetric_means", "triangulated", "true_posed"]
+
+Floats = NDArray[np.float64]
+
+_DATASET, _SIZE = "avatars-train", (540, 960)
+#: Distances at which a view's pixel, and a subject's deviation, count half.
+_HALF_PX, _HALF_MM = 8.0, 20.0
+_ROUNDS = 30
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def triangulated(cameras: Sequence[Camera], pixels: Floats, confidence: Floats) -> Floats:
+    """(3,) world point that pixels (N, 2) of N cameras agree on; a few wrong ones do little."""
+    projections = np.array([camera.K @ camera.world_to_camera[:3] for camera in cameras])
+    point, weight = np.zeros(3), np.ones(len(cameras))
+    for _ in range(_ROUNDS):
+        # Divided by the depth, the residuals of these equations are pixels.
+        rows = pixels[:, :, None] * projections[:, 2:] - projections[:, :2]
+        rows *= np.sqrt(confidence * weight)[:, None, None]
+        rows /= (projections[:, 2] @ np.append(point, 1.0))[:, None, None]
+        rows = rows.reshape(-1, 4)
+        point = np.linalg.lstsq(rows[:, :3], -rows[:, 3], rcond=None)[0]
+        seen = projections @ np.append(point, 1.0)
+        error_px = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
+        weight = 1.0 / (1.0 + (error_px / _HALF_PX) ** 2)
+    return point
+
+
+def deviations_mm(
+    cameras: Sequence[Camera], found: Detections, posed: Posed, table: LandmarkTable
+) -> Floats:
+    """(K, 3) from a true body's landmarks to the detected ones, in their carriers' rest axes."""
+    from methods.body.anatomy import blend_landmarks
+
+    blends = blend_landmarks(replace(table, offsets=np.zeros_like(table.offsets)), posed)
+    turns = posed.turns[0, table.carriers].double().numpy()
+    points = [
+        triangulated(cameras, found.pixels[:, landmark], found.confidence[:, landmark])
+        for landmark in table.landmarks
+    ]
+    away = np.array(points) - blends[0].double().numpy()
+    return np.einsum("kji,kj->ki", turns, away) * MM_PER_METRE
+
+
+def symmetric_means(deviations: Floats, landmarks: Sequence[int]) -> tuple[Floats, Floats]:
+    """Robust means (K, 3) of deviations (S, K, 3), mirrored left to right, and spreads (K,).
+
+    The spread is the median distance from the mean, in the deviations' unit.
+    """
+    from methods.body.detection import MIRRORED
+
+    order = list(landmarks)
+    other = [order.index(MIRRORED[landmark]) for landmark in order]
+    both = np.concatenate([deviations, deviations[:, other] * _MIRROR])
+    means = np.median(both, axis=0)
+    for _ in range(_ROUNDS):
+        away = np.linalg.norm(both - means, axis=2)
+        weight = 1.0 / (1.0 + (away / _HALF_MM) ** 2)
+        means = (weight[..., None] * both).sum(axis=0) / weight.sum(axis=0)[:, None]
+    return means, np.median(np.linalg.norm(both - means, axis=2), axis=0)
+
+
+def true_posed(body: AnnyBody, scan: Scan) -> Posed:
+    """A generated subject's true body in the world frame.
+
+    Raises:
+        DataError: the dataset has no true bodies.
+    """
+    import torch
+
+    if scan.body_path is None:
+        raise DataError(f"subject '{scan.subject}' has no true body")
+    with np.load(scan.body_path, allow_pickle=False) as file:
+        names = [str(name) for name in file["phenotype_names"]]
+        phenotype = dict(zip(names, file["phenotype"].tolist(), strict=True))
+        posed = body.posed_as(file["pose_parameters"], phenotype)
+    shift = torch.tensor(scan.scan_to_world[:3, 3], dtype=torch.float32)
+    return replace(posed, vertices=posed.vertices + shift, joints=posed.joints + shift)
+
+
+def _main(subjects: str) -> None:
+    from harness.data.manifest import load_manifest, subject_range
+    from harness.pipeline.sources import Source
+    from harness.pipeline.workspace import Workspace
+    from methods.body.anny_body import AnnyBody
+    from methods.body.detection import detect
+    from renderers.protocol import silent
+
+    chosen = subject_range(subjects) or tuple(subjects.split(","))
+    source = Source.select(load_manifest(None), Workspace.default(), _DATASET, chosen, "paper8")
+    width, height = _SIZE
+    recipe = replace(source.recipe, name="offsets8", renderer="raycast", width=width, height=height)
+    source = replace(source, recipe=recipe)
+    body, rows = AnnyBody(), list[Floats]()
+    for subject in chosen:
+        try:
+            capture = source.ensure_capture(subject, silent)
+        except HarnessError as error:
+            # Some of the training recipes cannot be made; it is said which.
+            sys.stderr.write(f"{subject} left out: {error}\n")
+            continue
+        posed = true_posed(body, source.load(subject)[0])
+        rows.append(deviations_mm(capture.cameras, detect(capture), posed, body.landmarks))
+    means, spreads = symmetric_means(np.array(rows), body.landmarks.landmarks.tolist())
+    for landmark, mean, spread in zip(body.landmarks.landmarks, means, spreads, strict=True):
+        x, y, z = np.round(mean).astype(int)
+        sys.stdout.write(f"    {landmark}: ({x}, {y}, {z}),  # {spread:.0f} mm\n")
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1])
