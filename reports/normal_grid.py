@@ -23,8 +23,10 @@ __all__ = ["NormalPanels", "NormalRow", "normal_grid"]
 
 Floats = NDArray[np.float64]
 
-_PANEL_INCH = 2.2
+_PANEL_INCH = 2.4
 _MARGIN = 0.02
+#: A panel is so much higher than its picture, so that titles and numbers have their place.
+_ROOM = 1.12
 _SCALE = ErrorScale(60.0, "angle to the true normal (°)")
 _TITLES = ("Body", "Estimate", "Truth", "Error")
 
@@ -75,7 +77,7 @@ def normal_grid(rows: Sequence[NormalRow], path: Path) -> None:
         raise HarnessError("a grid needs subjects with the same photos and sides", got=str(sides))
     titles = [title for panels in rows[0].sides for title in _titles(panels)]
     share = _shown_share([panels.maps.mask for row in rows for panels in row.sides])
-    window = Window(0, 0, round(1000 * share[0]), round(1000 * share[1]))
+    window = Window(0, 0, round(1000 * share[0]), round(_ROOM * 1000 * share[1]))
     figure, axes = canvas((len(rows), len(titles)), window, _PANEL_INCH)
     for axis, title in zip(axes[0], titles, strict=True):
         axis.set_title(title, fontsize=9)
