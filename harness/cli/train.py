@@ -24,12 +24,12 @@ def train() -> None:
 def normals(
     subjects: Subjects = "t00001..t00020",
     views: Annotated[int, typer.Option(min=1, help="Photos of each subject.")] = 32,
-    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 6000,
+    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 1500,
     batch: Annotated[int, typer.Option(min=1, help="Photos a step.")] = 8,
-    rate: Annotated[float, typer.Option(min=0.0, help="Greatest learning rate.")] = 1e-3,
+    rate: Annotated[float, typer.Option(min=0.0, help="Greatest learning rate.")] = 1.5e-3,
     held_out: Annotated[int, typer.Option(min=1, help="Last subjects, which only judge.")] = 2,
     seed: Annotated[int, typer.Option(help="Of samples, weights and order.")] = 0,
-    judge_every: Annotated[int, typer.Option(min=1, help="Steps between checkpoints.")] = 250,
+    judge_every: Annotated[int, typer.Option(min=1, help="Steps between checkpoints.")] = 100,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder. Default: WORKSPACE/training/normals."),

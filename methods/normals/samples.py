@@ -85,11 +85,15 @@ class Samples:
 
     def at(self, indices: Iterable[int]) -> Batch:
         """The samples at some indices, as they are."""
-        return self._batch(torch.as_tensor(list(indices)))
+        return self._batch(torch.as_tensor(list(indices)), slice(None))
 
-    def drawn(self, count: int, draw: torch.Generator) -> Batch:
-        """Some samples with varied colours, half of them mirrored."""
-        batch = self._batch(torch.randint(len(self), (count,), generator=draw))
+    def drawn(self, count: int, width: int, draw: torch.Generator) -> Batch:
+        """Some samples with varied colours, half of them mirrored, cut to ``width`` columns."""
+        rows = torch.randint(len(self), (count,), generator=draw)
+        whole = self._arrays["mask"].shape[2]
+        width = min(width, whole)
+        left = int(torch.randint(whole - width + 1, (1,), generator=draw))
+        batch = self._batch(rows, slice(left, left + width))
         image = _recoloured(batch.image, batch.mask, draw)
         batch = Batch(image, *(getattr(batch, field.name) for field in fields(batch)[1:]))
         mirrored = torch.rand(count, generator=draw) < 0.5
@@ -100,8 +104,8 @@ class Samples:
             )
         )
 
-    def _batch(self, rows: Tensor) -> Batch:
-        taken = {name: _channels_first(self._arrays[name][rows]) for name in _ARRAYS}
+    def _batch(self, rows: Tensor, columns: slice) -> Batch:
+        taken = {name: _channels_first(self._arrays[name][rows][:, :, columns]) for name in _ARRAYS}
         mask = taken["mask"].float()
         normals = {name: taken[name].float() / _STEPS for name in _NORMALS}
         inside = {

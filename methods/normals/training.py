@@ -45,17 +45,19 @@ class TrainingSettings:
     Attributes:
         steps: Of the optimiser.
         batch: Samples a step.
+        width_px: Columns of a sample that a step sees, at random: most are empty.
         rate: Greatest learning rate (AdamW; warm-up, then a half cosine).
         decay: Weight decay.
         judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
         seed: Of weights, order and augmentation.
     """
 
-    steps: int = 6000
+    steps: int = 1500
     batch: int = 8
-    rate: float = 1e-3
+    width_px: int = 256
+    rate: float = 1.5e-3
     decay: float = 1e-2
-    judge_every: int = 250
+    judge_every: int = 100
     seed: int = 0
 
 
@@ -174,7 +176,7 @@ class _Run:
         draw = torch.Generator().manual_seed(
             derive_seed(self.settings.seed, "normal-step", self.step) % 2**31
         )
-        batch = samples.drawn(self.settings.batch, draw).to(self.device)
+        batch = samples.drawn(self.settings.batch, self.settings.width_px, draw).to(self.device)
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate * _rate(self.step / self.settings.steps)
         self.network.train()

@@ -73,7 +73,9 @@ def test_exported_parameters_make_the_same_body(anny, person):
     np.testing.assert_allclose(posed.vertices[0].numpy(), turned, atol=1e-5)
     again = anny.posed_as(
         exported["pose_parameters"],
-        dict(zip(exported["phenotype_names"].tolist(), exported["phenotype"].tolist(), strict=True)),
+        dict(
+            zip(exported["phenotype_names"].tolist(), exported["phenotype"].tolist(), strict=True)
+        ),
     )
     for name in ("vertices", "joints", "turns"):
         torch.testing.assert_close(getattr(again, name), getattr(posed, name), atol=1e-5, rtol=0)

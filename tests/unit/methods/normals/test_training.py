@@ -118,7 +118,7 @@ def test_mirrored_samples_are_mirrored_scenes(samples):
     plain = samples.at(range(4))
     for seed in range(20):
         draw = torch.Generator().manual_seed(seed)
-        batch = samples.drawn(4, draw)
+        batch = samples.drawn(4, SIZE, draw)
         for name in ("front", "back", "body_front", "body_back"):
             normals = getattr(batch, name)
             # Tilted backward, not sideways: a mirror leaves the tilt, and the mask's offset moves.
@@ -140,7 +140,7 @@ def test_a_mirror_turns_sideways_normals(tmp_path):
     samples = Samples.load([tmp_path / "side.npz"])
     signs = set()
     for seed in range(12):
-        batch = samples.drawn(1, torch.Generator().manual_seed(seed))
+        batch = samples.drawn(1, SIZE, torch.Generator().manual_seed(seed))
         mirrored = bool(batch.mask[0, 0, 16, 6] == 1)
         sign = float(batch.front[0, 0, 16, 16].sign())
         signs.add((mirrored, sign))
@@ -157,3 +157,10 @@ def test_files_of_other_sizes_or_kinds_are_refused(tmp_path):
     np.savez(tmp_path / "three.npz", rgb=np.zeros(3))
     with pytest.raises(DataError, match="no file of training samples"):
         Samples.load([tmp_path / "three.npz"])
+
+
+def test_a_cut_keeps_the_maps_together(samples):
+    for seed in range(5):
+        batch = samples.drawn(4, 16, torch.Generator().manual_seed(seed))
+        assert batch.image.shape == (4, 3, SIZE, 16)
+        assert torch.equal(batch.mask > 0, batch.body_front[:, 2:] != 0)
