@@ -71,8 +71,12 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         HarnessError: too few subjects, or test subjects among them.
         MissingPart: PyTorch or onnx is not installed.
     """
+    import torch
+
     from methods.normals.export import export_network
-    from methods.normals.training import Samples, train
+    from methods.normals.network import Mirrored
+    from methods.normals.samples import Samples
+    from methods.normals.training import judged, train
 
     subjects = request.source.subjects
     if not 0 < request.held_out < len(subjects):
@@ -90,24 +94,18 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     chosen, files = list(paths), list(paths.values())
     training, judging = files[: -request.held_out], files[-request.held_out :]
     progress.expect(_STEPS, request.training.steps)
+    judges = Samples.load(judging)
     trained = train(
         Samples.load(training),
-        Samples.load(judging),
+        judges,
         request.training,
         request.directory,
         lambda steps, line: _tell(progress, steps, line),
     )
-    network = request.directory / "open-normals.onnx"
-    export_network(trained.network, network, _about(request, chosen[: -request.held_out]))
-    last = trained.judged
-    return TrainingResult(
-        network=network,
-        curve=trained.curve,
-        front_deg=last.front_deg,
-        back_deg=last.back_deg,
-        body_front_deg=last.body_front_deg,
-        body_back_deg=last.body_back_deg,
-    )
+    network, path = Mirrored(trained.network.cpu()), request.directory / "open-normals.onnx"
+    export_network(network, path, _about(request, chosen[: -request.held_out]))
+    angles = asdict(judged(network, judges, torch.device("cpu")))
+    return TrainingResult(network=path, curve=trained.curve, **angles)
 
 
 def ensure_samples(
@@ -182,15 +180,15 @@ def _about(request: TrainingRequest, subjects: Sequence[str]) -> dict[str, str]:
     return {
         "name": "open-normals",
         "licence": "Apache-2.0",
-        "training_set": f"{source.name} {_named(subjects, source.subjects)}{version}",
+        "training_set": f"{source.name} {_named(subjects, source.manifest.datasets[source.name].subjects)}{version}",
         "training_set_licence": licence,
         "window": "mask",
     }
 
 
-def _named(subjects: Sequence[str], asked: Sequence[str]) -> str:
+def _named(subjects: Sequence[str], known: Sequence[str]) -> str:
     """``t00001..t00004`` or, with one of them missing, ``t00001..t00004 without t00003``."""
-    inside = [name for name in asked if subjects[0] <= name <= subjects[-1]]
+    inside = [name for name in known if subjects[0] <= name <= subjects[-1]]
     missing = [name for name in inside if name not in subjects]
     span = subjects[0] if len(subjects) == 1 else f"{subjects[0]}..{subjects[-1]}"
     return f"{span} without {', '.join(missing)}" if missing else span

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
+from torch import nn
 
 from harness.core.errors import MethodError, MissingPart
 from harness.core.files import atomic_path
-from methods.normals.network import MULTIPLE, NormalNetwork
+from methods.normals.network import MULTIPLE
 
 __all__ = ["export_network"]
 
@@ -20,7 +21,7 @@ _OUTPUTS = ("front", "back")
 TOLERANCE = 1e-4
 
 
-def export_network(network: NormalNetwork, path: Path, about: Mapping[str, str]) -> None:
+def export_network(network: nn.Module, path: Path, about: Mapping[str, str]) -> None:
     """Write a network as ONNX for pictures of any size, after comparing both runtimes' answers.
 
     Args:
@@ -61,7 +62,7 @@ def export_network(network: NormalNetwork, path: Path, about: Mapping[str, str])
         _compare(network, temporary)
 
 
-def _compare(network: NormalNetwork, path: Path) -> None:
+def _compare(network: nn.Module, path: Path) -> None:
     import onnxruntime
 
     draw = torch.Generator().manual_seed(0)

@@ -94,3 +94,31 @@ class NormalNetwork(nn.Module):
         features = torch.cat([self.unfold(self.leave(features)), fine], dim=1)
         front, back = self.unfold(self.out(self.sharpen(features))).split(3, dim=1)
         return body_front + front, body_back + back
+
+
+class Mirrored(nn.Module):
+    """A network's mean answer to a scene and to its mirror image, which have one truth."""
+
+    turn: Tensor
+
+    def __init__(self, network: NormalNetwork) -> None:
+        super().__init__()
+        self.network = network
+        self.register_buffer("turn", torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1))
+
+    def forward(
+        self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """As ``NormalNetwork.forward``."""
+        plain = self.network(image, mask, body_front, body_back)
+        mirrored = self.network(
+            image.flip(3),
+            mask.flip(3),
+            body_front.flip(3) * self.turn,
+            body_back.flip(3) * self.turn,
+        )
+        front, back = (
+            (one + other.flip(3) * self.turn) / 2.0
+            for one, other in zip(plain, mirrored, strict=True)
+        )
+        return front, back

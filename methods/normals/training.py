@@ -10,13 +10,13 @@ import csv
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from harness.core.errors import DataError, HarnessError
 from harness.core.files import atomic_path
@@ -24,7 +24,7 @@ from harness.core.hashing import content_hash, derive_seed
 from methods.normals.network import NormalNetwork
 from methods.normals.samples import Batch, Samples
 
-__all__ = ["Judged", "Trained", "TrainingSettings", "chord", "train"]
+__all__ = ["Angles", "Trained", "TrainingSettings", "chord", "judged", "train"]
 
 #: Called with the steps done since the last call, and a line when there is something to say.
 Tell = Callable[[int, str], None]
@@ -62,12 +62,9 @@ class TrainingSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
-    """The state at one step; angles are means over the held-out subjects' pixels, degrees."""
+class Angles:
+    """Mean angles to the truth over all pixels of some samples, degrees."""
 
-    step: int
-    seconds: float
-    loss: float
     front_deg: float
     back_deg: float
     body_front_deg: float
@@ -76,10 +73,9 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trained:
-    """The network (its averaged weights), what it reached, and the file of the curve."""
+    """The network (its averaged weights) and the file of its curve."""
 
     network: NormalNetwork
-    judged: Judged
     curve: Path
 
 
@@ -110,12 +106,11 @@ def train(
         tell(1, "")
         if run.step % settings.judge_every == 0 or run.step == settings.steps:
             seconds = run.seconds + time.monotonic() - began
-            run.curve.append(asdict(_judged(run, judges, seconds)))
+            run.look(judges, seconds)
             _write_curve(directory / "curve.csv", run.curve)
             run.save(seconds)
             tell(0, _line(run.curve[-1]))
-    last = Judged(**run.curve[-1])
-    return Trained(run.average, last, directory / "curve.csv")
+    return Trained(run.average, directory / "curve.csv")
 
 
 class _Run:
@@ -192,6 +187,12 @@ class _Run:
         self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
         self._average()
 
+    def look(self, judges: Samples, seconds: float) -> None:
+        """Enter what the averaged network reaches now into the curve."""
+        row = {"step": self.step, "seconds": round(seconds, 1), "loss": round(self.loss, 5)}
+        angles = asdict(judged(self.average, judges, self.device))
+        self.curve.append(row | {name: round(value, 3) for name, value in angles.items()})
+
     def _average(self) -> None:
         # Early on, a long memory would only remember the random start.
         keep = min(_AVERAGE, (1 + self.step) / (10 + self.step))
@@ -205,7 +206,7 @@ def _placed(network: NormalNetwork, device: torch.device) -> NormalNetwork:
     return network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
-def _answer(network: NormalNetwork, batch: Batch) -> tuple[Tensor, Tensor]:
+def _answer(network: nn.Module, batch: Batch) -> tuple[Tensor, Tensor]:
     with torch.autocast(batch.image.device.type, dtype=torch.bfloat16, enabled=_halves(batch)):
         front, back = network(batch.image, batch.mask, batch.body_front, batch.body_back)
     return front.float(), back.float()
@@ -226,14 +227,14 @@ def _rate(progress: float) -> float:
     return _LAST_RATE + (1.0 - _LAST_RATE) * 0.5 * (1.0 + math.cos(turn))
 
 
-def _judged(run: _Run, judges: Samples, seconds: float) -> Judged:
-    """Mean angles of the averaged network and of the bodies, on unaltered samples."""
-    run.average.eval()
+def judged(network: nn.Module, judges: Samples, device: torch.device) -> Angles:
+    """How far a network on a device is from the truth, on samples as they are."""
+    network.eval()
     sums = torch.zeros(4, 2, dtype=torch.float64)
     with torch.no_grad():
         for first in range(0, len(judges), _JUDGE_BATCH):
-            batch = judges.at(range(first, min(first + _JUDGE_BATCH, len(judges)))).to(run.device)
-            front, back = _answer(run.average, batch)
+            batch = judges.at(range(first, min(first + _JUDGE_BATCH, len(judges)))).to(device)
+            front, back = _answer(network, batch)
             for row, (normals, true, inside) in enumerate(
                 (
                     (front, batch.front, batch.front_inside),
@@ -245,8 +246,7 @@ def _judged(run: _Run, judges: Samples, seconds: float) -> Judged:
                 # Bodies are judged where they are: beside them they say nothing.
                 there = inside * (normals.abs().sum(1, keepdim=True) > 0)
                 sums[row] += _angles(normals, true, there)
-    means = [float(total / count.clamp(min=1.0)) for total, count in sums]
-    return Judged(run.step, round(seconds, 1), round(run.loss, 5), *[round(m, 3) for m in means])
+    return Angles(*[float(total / count.clamp(min=1.0)) for total, count in sums])
 
 
 def _angles(normals: Tensor, true: Tensor, inside: Tensor) -> Tensor:
@@ -258,7 +258,7 @@ def _angles(normals: Tensor, true: Tensor, inside: Tensor) -> Tensor:
 
 def _write_curve(path: Path, curve: list[dict[str, Any]]) -> None:
     with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, [field.name for field in fields(Judged)])
+        writer = csv.DictWriter(stream, list(curve[0]))
         writer.writeheader()
         writer.writerows(curve)
 

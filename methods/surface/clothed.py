@@ -48,7 +48,7 @@ class ClothedSettings:
         faces: Decimate the mesh to about this many; 0 keeps all.
     """
 
-    normals: str = "body"
+    normals: str = "open"
     normals_model: str = ""
     resolution: int = 512
     hands: str = "sheets"

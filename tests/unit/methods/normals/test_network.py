@@ -6,7 +6,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from methods.normals.export import export_network  # noqa: E402
-from methods.normals.network import MULTIPLE, NormalNetwork  # noqa: E402
+from methods.normals.network import MULTIPLE, Mirrored, NormalNetwork  # noqa: E402
 from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
 
 ABOUT = {"name": "test", "licence": "CC0-1.0", "training_set": "none", "window": "mask"}
@@ -54,6 +54,18 @@ def test_it_looks_at_far_pixels_but_answers_in_place(stirred):
     assert nearer < 0.1 * (plain - plain.roll(MULTIPLE, dims=3)).abs().mean()
 
 
+def test_a_mirrored_scene_has_the_mirrored_answer(stirred):
+    turn = torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1)
+    image, mask, front, back = inputs(MULTIPLE, 2 * MULTIPLE)
+    mirrored = (image.flip(3), mask.flip(3), front.flip(3) * turn, back.flip(3) * turn)
+    both = Mirrored(stirred)
+    for plain, other in zip(both(image, mask, front, back), both(*mirrored), strict=True):
+        torch.testing.assert_close(plain, other.flip(3) * turn, atol=1e-5, rtol=1e-4)
+    assert (
+        stirred(image, mask, front, back)[0] - both(image, mask, front, back)[0]
+    ).abs().max() > 0.01
+
+
 def test_the_shipped_size_fits_in_twenty_megabytes():
     count = sum(parameter.numel() for parameter in NormalNetwork().parameters())
     assert 4 * count < 20e6
@@ -61,7 +73,7 @@ def test_the_shipped_size_fits_in_twenty_megabytes():
 
 def test_the_exported_file_is_an_estimator(stirred, tmp_path):
     path = tmp_path / "network.onnx"
-    export_network(stirred, path, ABOUT)
+    export_network(Mirrored(stirred), path, ABOUT)
     estimator = OnnxNormals(path)
     assert (estimator.part.name, estimator.part.licence) == ("test", "CC0-1.0")
     draw = np.random.default_rng(0)
