@@ -175,13 +175,13 @@ def _about(request: TrainingRequest, subjects: Sequence[str]) -> dict[str, str]:
     from harness.data.avatars import AVATARS_VERSION
 
     source = request.source
-    licence = source.manifest.datasets[source.name].licence
+    dataset = source.manifest.datasets[source.name]
     version = f", version {AVATARS_VERSION}" if source.is_generated else ""
     return {
         "name": "open-normals",
         "licence": "Apache-2.0",
-        "training_set": f"{source.name} {_named(subjects, source.manifest.datasets[source.name].subjects)}{version}",
-        "training_set_licence": licence,
+        "training_set": f"{source.name} {_named(subjects, dataset.subjects)}{version}",
+        "training_set_licence": dataset.licence,
         "window": "mask",
     }
 
