@@ -102,6 +102,16 @@ class NormalChoice:
         return (_PRIVILEGE,) if self.kind == "oracle" else ()
 
     @property
+    def prior_weight(self) -> float:
+        """Weight of the body's depth in the integration of this estimator's normals.
+
+        The published one, but for the open network: its folds are good, but small errors that
+        share a direction add up along a sheet. On five training subjects tenfold gave a mean
+        normal error of 28.7 degrees against 31.4, at a Chamfer distance of 15.9 mm against 15.6.
+        """
+        return 1e-3 if self.kind == "open" else 1e-4
+
+    @property
     def part(self) -> Part:
         """As records name it.
 

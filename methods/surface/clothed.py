@@ -26,7 +26,12 @@ from methods.body_fit import BodyFit, FitSettings, body_model
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
 from methods.surface.completion import BodyCompletion
-from methods.surface.front_back import BodyPrior, FrontBackDepth, integrate_front_back
+from methods.surface.front_back import (
+    BodyPrior,
+    FrontBackDepth,
+    FrontBackParameters,
+    integrate_front_back,
+)
 from methods.surface.fusion import FusionParameters, concatenated, fused
 from methods.surface.hands import body_hands, without_hands
 from methods.surface.pictures import Stages, contact_sheet
@@ -43,6 +48,8 @@ class ClothedSettings:
             ``onnx``.
         normals_model: A network's file or the name of an imported one, for ``onnx``.
         resolution: Side of the working picture in pixels; ECON's is 512.
+        prior_weight: How strongly integration holds on to the body's depth; 0 is the estimator's
+            own: the published 1e-4, and 1e-3 for ``open``.
         hands: ``body`` puts the body's hands in, as ECON does; ``sheets`` leaves what is seen.
         poisson_depth: Depth of the fusion's octree; the published 10.
         faces: Decimate the mesh to about this many; 0 keeps all.
@@ -51,6 +58,7 @@ class ClothedSettings:
     normals: str = "open"
     normals_model: str = ""
     resolution: int = 512
+    prior_weight: float = 0.0
     hands: str = "sheets"
     poisson_depth: int = 10
     faces: int = 0
@@ -65,12 +73,18 @@ class ClothedSettings:
                 f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
             )
         # Refuses settings that do not go together before anything runs.
-        _ = self.normal_choice, self.fusion
+        _ = self.normal_choice, self.fusion, self.integration
 
     @property
     def normal_choice(self) -> NormalChoice:
         """Which estimator runs."""
         return NormalChoice(self.normals, self.normals_model)
+
+    @property
+    def integration(self) -> FrontBackParameters:
+        """How normals are integrated."""
+        weight = self.prior_weight or self.normal_choice.prior_weight
+        return FrontBackParameters(prior_weight=weight)
 
     @property
     def fusion(self) -> FusionParameters:
@@ -91,11 +105,11 @@ class SheetPlan:
     sheets: Callable[[Sequence[tuple[ViewMaps, FrontBackDepth]]], list[Mesh]]
 
 
-def integrated(maps: ViewMaps) -> FrontBackDepth:
+def integrated(maps: ViewMaps, parameters: FrontBackParameters) -> FrontBackDepth:
     """Both sheets' depth of one view, under its full perspective, metres."""
-    prior = BodyPrior(maps.body_near_m, maps.body_far_m)
-    view = maps.view
-    return integrate_front_back((maps.front, maps.back), view.mask, prior, view.camera.K)
+    prior, view = BodyPrior(maps.body_near_m, maps.body_far_m), maps.view
+    normals = maps.front, maps.back
+    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters)
 
 
 class ClothedMethod:
@@ -153,7 +167,7 @@ class ClothedMethod:
         with context.stage("normals"):
             maps = self._maps(capture, skin, context)
         with context.stage("integration"):
-            depths = [integrated(each) for each in maps]
+            depths = [integrated(each, self.settings.integration) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
             parts = self._parts(sheets, skin)
@@ -211,7 +225,11 @@ def _handed_out(maps: ViewMaps) -> NormalMaps:
 
 def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> MethodInfo:
     choice = settings.normal_choice
-    own = {**asdict(settings), "normals_model": bool(settings.normals_model)}
+    own = {
+        **asdict(settings),
+        "normals_model": bool(settings.normals_model),
+        "prior_weight": settings.integration.prior_weight,
+    }
     return replace(
         fit.info,
         name=names[0],

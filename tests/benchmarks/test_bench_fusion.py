@@ -25,6 +25,7 @@ from methods.normals import (
 from methods.surface import FrontBackDepth, front_back_sheets
 from methods.surface.clothed import integrated
 from methods.surface.completion import BodyCompletion
+from methods.surface.front_back import FrontBackParameters
 from methods.surface.fusion import FusionParameters, concatenated, fused
 from methods.surface.pictures import Stages, contact_sheet
 from methods.surface.pinches import open_edges
@@ -85,7 +86,7 @@ def normals(walk: Walk) -> None:
 
 def integration(walk: Walk) -> None:
     assert walk.maps is not None
-    walk.depth = integrated(walk.maps)
+    walk.depth = integrated(walk.maps, FrontBackParameters())
     sheets = front_back_sheets(walk.depth.front, walk.depth.back, walk.maps.view.camera)
     walk.sheets = list(sheets)
 

@@ -169,12 +169,17 @@ def test_settings_reach_the_fit_or_the_surface():
     changed = econ.configured({"iterations": "7", "poisson_depth": "8"})
     assert changed.info.parameters["iterations"] == 7
     assert changed.info.parameters["poisson_depth"] == 8
+    oracle = econ.configured({"normals": "oracle"})
+    assert (econ.settings.normals, econ.info.parameters["prior_weight"]) == ("open", 1e-3)
+    assert oracle.info.parameters["prior_weight"] == 1e-4
+    assert econ.configured({"prior_weight": "0.01"}).settings.integration.prior_weight == 0.01
     for wrong, message in (
         ({"colour": "red"}, "unknown setting 'colour'"),
         ({"hands": "gloves"}, "body or sheets"),
         ({"normals": "onnx"}, "do not go together"),
         ({"poisson_depth": "30"}, "depth 4 to 12"),
         ({"resolution": "1"}, "64 to 4096"),
+        ({"prior_weight": "-1"}, "positive k, prior_weight"),
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
