@@ -21,9 +21,11 @@ __all__ = [
     "load_rgb",
     "load_rgba",
     "normal_colours",
+    "packed_normals",
     "resampled",
     "save_png",
     "srgb_from_linear",
+    "unit_normals",
 ]
 
 Bytes = NDArray[np.uint8]
@@ -102,6 +104,17 @@ def _open_png(path: Path) -> Image:
             got=str(error),
             hint="It may be truncated: delete it and make it again",
         ) from error
+
+
+def packed_normals(normals: Floats) -> NDArray[np.int8]:
+    """Normals (..., 3) in eight bits a component, 127 times as long: good to half a degree."""
+    return np.round(127.0 * normals).astype(np.int8)
+
+
+def unit_normals(vectors: Floats) -> Floats:
+    """(..., 3) vectors at unit length; nothing stays nothing."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)
 
 
 def normal_colours(normals: Floats) -> Floats:

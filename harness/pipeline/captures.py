@@ -10,7 +10,7 @@ from pathlib import Path
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.workers import run_worker
-from harness.pipeline.progress import Progress, Silent
+from harness.pipeline.progress import Progress, Silent, counted
 from harness.pipeline.sources import Source
 
 __all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all", "show_avatar"]
@@ -56,15 +56,8 @@ def photograph(source: Source, subject: str, progress: Progress) -> Capture:
         HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
     """
     if source.capture_state(subject)[0] != "cached":
-        before = 0
-
-        def steps(done: int, total: int) -> None:  # noqa: ARG001
-            nonlocal before
-            progress.done(PHOTOS, done - before)
-            before = done
-
         job = {"source": source.to_job(), "subject": subject, "only_scan": False}
-        run_worker(_WORKER, job, progress=steps)
+        run_worker(_WORKER, job, progress=counted(progress, PHOTOS))
     return Capture.load(source.capture_directory(subject))
 
 

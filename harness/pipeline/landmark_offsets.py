@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import Scan
 from harness.core.camera import Camera
-from harness.core.errors import DataError, HarnessError
+from harness.core.errors import HarnessError
 from harness.core.units import MM_PER_METRE
+from harness.pipeline.true_parameters import true_parameters
 
 if TYPE_CHECKING:
     from methods.body.anny_body import AnnyBody
@@ -91,16 +92,12 @@ def true_posed(body: AnnyBody, scan: Scan) -> Posed:
     """A generated subject's true body in the world frame.
 
     Raises:
-        DataError: the dataset has no true bodies.
+        DataError: as ``true_parameters``.
     """
     import torch
 
-    if scan.body_path is None:
-        raise DataError(f"subject '{scan.subject}' has no true body")
-    with np.load(scan.body_path, allow_pickle=False) as file:
-        names = [str(name) for name in file["phenotype_names"]]
-        phenotype = dict(zip(names, file["phenotype"].tolist(), strict=True))
-        posed = body.posed_as(file["pose_parameters"], phenotype)
+    truth = true_parameters(scan)
+    posed = body.posed_as(truth.pose_parameters, truth.phenotype)
     shift = torch.tensor(scan.scan_to_world[:3, 3], dtype=torch.float32)
     return replace(posed, vertices=posed.vertices + shift, joints=posed.joints + shift)
 

@@ -18,11 +18,11 @@ from harness.core.artifacts import NormalMaps
 from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.files import atomic_path
+from harness.geometry.images import packed_normals, unit_normals
 
 __all__ = ["load_normals", "save_normals"]
 
 _MAPS = ("front", "back", "body_front", "body_back")
-_LEVELS = 127.0
 
 
 def save_normals(path: Path, views: Sequence[NormalMaps]) -> None:
@@ -33,7 +33,7 @@ def save_normals(path: Path, views: Sequence[NormalMaps]) -> None:
         arrays[f"camera_{mark}"] = np.array(json.dumps(maps.camera.to_dict()))
         arrays[f"mask_{mark}"] = maps.mask
         for name in _MAPS:
-            arrays[f"{name}_{mark}"] = np.round(_LEVELS * getattr(maps, name)).astype(np.int8)
+            arrays[f"{name}_{mark}"] = packed_normals(getattr(maps, name))
     with atomic_path(path) as temporary:
         np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
 
@@ -52,7 +52,7 @@ def load_normals(path: Path) -> tuple[NormalMaps, ...]:
                     int(mark),
                     Camera.from_dict(json.loads(str(file[f"camera_{mark}"]))),
                     file[f"mask_{mark}"],
-                    *(_unit(file[f"{name}_{mark}"]) for name in _MAPS),
+                    *(unit_normals(file[f"{name}_{mark}"].astype(float)) for name in _MAPS),
                 )
                 for mark in marks
             )
@@ -62,9 +62,3 @@ def load_normals(path: Path) -> tuple[NormalMaps, ...]:
         raise DataError(
             f"{path} holds no normal maps", got=repr(error), hint="Evaluate the method again"
         ) from error
-
-
-def _unit(levels: NDArray[np.int8]) -> NDArray[np.float64]:
-    normals = levels.astype(np.float64)
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)

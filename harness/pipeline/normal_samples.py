@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import Scan
 from harness.core.camera import Camera
-from harness.core.errors import DataError
 from harness.core.files import atomic_path
 from harness.core.hashing import content_hash, derive_seed
 from harness.core.mesh import Mesh
 from harness.core.workers import Progress
-from harness.geometry.images import load_rgb
+from harness.geometry.images import load_rgb, packed_normals
 from harness.geometry.occlusion import lit_share, vertex_openness
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.sides import SidedRaycaster
 from harness.geometry.texture import linear_texture, texture_at
 from harness.pipeline.sample_light import Light, developed, drawn_camera, drawn_light
+from harness.pipeline.true_parameters import true_parameters
 from methods.body.anny_body import AnnyBody
-from methods.body.perturbation import FitErrors, TrueParameters, as_fitted
+from methods.body.perturbation import FitErrors, as_fitted
 from renderers.protocol import texture_of
 
 __all__ = ["SAMPLES_VERSION", "SampleSettings", "make_samples", "samples_key"]
@@ -39,8 +39,6 @@ SAMPLES_VERSION = 1
 #: Rays along each side of a pixel of the photo.
 _SUPERSAMPLE = 2
 _OPENNESS_RAYS = 32
-#: Normals are kept in eight bits: steps of 0.45 degrees.
-_STEPS = 127
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +106,7 @@ class _Studio:
         )[:, None]
         self._sides = SidedRaycaster(mesh.geometry())
         self._body = AnnyBody()
-        self._truth = _true_parameters(scan)
+        self._truth = true_parameters(scan)
         self._turn, self._shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
 
     def sample(self, settings: SampleSettings, seed: int) -> dict[str, NDArray[np.generic]]:
@@ -122,10 +120,10 @@ class _Studio:
         return {
             "rgb": np.round(255 * rgb).astype(np.uint8),
             "mask": mask,
-            "front": _packed(self._sides.normals(camera, "near")),
-            "back": _packed(self._sides.normals(camera, "far")),
-            "body_front": _packed(body.normals(camera, "near")),
-            "body_back": _packed(body.normals(camera, "far")),
+            "front": packed_normals(self._sides.normals(camera, "near")),
+            "back": packed_normals(self._sides.normals(camera, "far")),
+            "body_front": packed_normals(body.normals(camera, "near")),
+            "body_back": packed_normals(body.normals(camera, "far")),
         }
 
     def _photo(
@@ -166,22 +164,3 @@ class _Studio:
             share[lit] = lit_share(self._caster, points[lit], normals[lit], lamp.points)
             arriving = arriving + (facing * share)[:, None] * lamp.colour
         return albedo * arriving
-
-
-def _true_parameters(scan: Scan) -> TrueParameters:
-    if scan.body_path is None:
-        raise DataError(f"scan of '{scan.subject}' has no true body", expected="a body.npz")
-    with np.load(scan.body_path, allow_pickle=False) as file:
-        if "pose_parameters" not in file or "phenotype" not in file:
-            raise DataError(
-                f"{scan.body_path} is no Anny body",
-                expected="pose_parameters and phenotype",
-                got=", ".join(file.files),
-            )
-        names = [str(name) for name in file["phenotype_names"]]
-        values = [float(value) for value in file["phenotype"]]
-        return TrueParameters(file["pose_parameters"], dict(zip(names, values, strict=True)))
-
-
-def _packed(normals: Floats) -> NDArray[np.int8]:
-    return np.round(_STEPS * normals).astype(np.int8)

@@ -15,7 +15,7 @@ from harness.core.errors import HarnessError
 from harness.core.files import exclusive_lock, remove_leftovers
 from harness.core.workers import run_worker
 from harness.pipeline.normal_samples import SampleSettings, samples_key
-from harness.pipeline.progress import Progress
+from harness.pipeline.progress import Progress, counted
 from harness.pipeline.sources import Source
 
 if TYPE_CHECKING:
@@ -124,13 +124,6 @@ def ensure_samples(
     progress.expect(_SAMPLES, len(waiting) * settings.views)
 
     def make(subject: str) -> str:
-        before = 0
-
-        def steps(done: int, total: int) -> None:  # noqa: ARG001
-            nonlocal before
-            progress.done(_SAMPLES, done - before)
-            before = done
-
         job: dict[str, object] = {
             "source": source.to_job(),
             "subject": subject,
@@ -141,7 +134,7 @@ def ensure_samples(
             if not _is_current(source, subject, settings, paths[subject]):
                 remove_leftovers(paths[subject])
                 try:
-                    run_worker(_WORKER, job, progress=steps)
+                    run_worker(_WORKER, job, progress=counted(progress, _SAMPLES))
                 except HarnessError as error:
                     return str(error)
         return ""

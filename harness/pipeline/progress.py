@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Progress", "Silent"]
+__all__ = ["Progress", "Silent", "counted"]
 
 
 class Progress(Protocol):
@@ -34,3 +35,15 @@ class Silent:
 
     def say(self, text: str) -> None:
         """Ignore."""
+
+
+def counted(progress: Progress, task: str) -> Callable[[int, int], None]:
+    """What a worker that says (done, total) reports to, so that its steps move a task's bar."""
+    before = 0
+
+    def steps(done: int, total: int) -> None:  # noqa: ARG001
+        nonlocal before
+        progress.done(task, done - before)
+        before = done
+
+    return steps

@@ -59,14 +59,14 @@ def as_fitted(body: AnnyBody, truth: TrueParameters, errors: FitErrors, seed: in
 
     draw = np.random.default_rng(seed)
     scale = float(np.exp(draw.normal(0.0, errors.spread)))
-    free = [body.joint_names.index(joint.name) for joint in body.free]
+    turned = [0, *(body.joint_names.index(joint.name) for joint in body.free)]
     pose = np.tile(np.eye(4), (len(truth.pose_parameters), 1, 1))
-    pose[[0, *free]] = truth.pose_parameters[[0, *free]]
-    degrees = np.array([errors.root_deg, *[errors.joint_deg] * len(free)])[:, None]
+    pose[turned] = truth.pose_parameters[turned]
+    degrees = np.array([errors.root_deg, *[errors.joint_deg] * len(body.free)])[:, None]
     turns = Rotation.from_rotvec(
-        np.radians(scale * degrees * draw.normal(size=(1 + len(free), 3)))
+        np.radians(scale * degrees * draw.normal(size=(len(turned), 3)))
     ).as_matrix()
-    pose[[0, *free], :3, :3] = turns @ pose[[0, *free], :3, :3]
+    pose[turned, :3, :3] = turns @ pose[turned, :3, :3]
     pose[0, :3, 3] += scale * errors.place_m * draw.normal(size=3)
     phenotype = {
         name: float(np.clip(value + scale * errors.phenotype * draw.normal(), 0.0, 1.0))

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from harness.core.errors import DataError, MethodError, MissingPart
 from harness.core.hashing import file_sha256
 from harness.core.protocols import Part
+from harness.geometry.images import unit_normals
 from methods.normals.window import Window, mask_window, whole_window
 
 __all__ = ["OnnxNormals"]
@@ -91,7 +92,7 @@ class OnnxNormals:
             "mask": window.cut(inside[..., None].astype(np.float64)),
         }
         front, back = (
-            _unit(window.put_back(answer, size)) * inside[..., None]
+            unit_normals(window.put_back(answer, size)) * inside[..., None]
             for answer in self._answers(maps, window)
         )
         return front, back
@@ -193,8 +194,3 @@ def _around_mask(path: Path, about: Mapping[str, str]) -> bool:
 
 def _batch(array: Floats) -> NDArray[np.float32]:
     return np.moveaxis(array, -1, 0)[None].astype(np.float32)
-
-
-def _unit(normals: Floats) -> Floats:
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,8 +94,7 @@ class Samples:
         width = min(width, whole)
         left = int(torch.randint(whole - width + 1, (1,), generator=draw))
         batch = self._batch(rows, slice(left, left + width))
-        image = _recoloured(batch.image, batch.mask, draw)
-        batch = Batch(image, *(getattr(batch, field.name) for field in fields(batch)[1:]))
+        batch = replace(batch, image=_recoloured(batch.image, batch.mask, draw))
         mirrored = torch.rand(count, generator=draw) < 0.5
         return Batch(
             *(
