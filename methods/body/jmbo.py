@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from harness.core.camera import Camera
 from methods.body.evidence import Evidence
-from methods.body.model import Parameters, ParametricBody, Posed
+from methods.body.model import Parameters, ParametricBody, Posed, box_middle
 from methods.body.normal_maps import NormalTarget, Skin, normal_cost
 from methods.body.prior import BodyPrior
 from methods.body.projection import Projector
@@ -27,7 +28,7 @@ from methods.body.views import Views
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Fit", "Weights", "head_cost", "optimise"]
+__all__ = ["Fit", "Weights", "head_cost", "hold_depth", "optimise"]
 
 _FACTOR, _PATIENCE, _LEAST_RATE = 0.5, 5, 1e-5
 #: Of the ramp: shares of the iterations at which the full step is reached and left, first and last
@@ -93,6 +94,7 @@ def optimise(
 
     Memory does not grow with the views: each view's gradient is added to the vertices' and its
     graph dropped before the next is looked at. ``batch`` bounds the time of an iteration as well.
+    One view's body is held at the distance of the world's origin, where the first fit put it.
     """
     import torch
 
@@ -108,6 +110,8 @@ def optimise(
     best = {name: value.detach().clone() for name, value in parameters.items()}
     ended: Literal["converged", "iterations"] = "iterations"
     for iteration, chosen in enumerate(turns):
+        if len(views.views) == 1:
+            hold_depth(body, parameters, views.views[0].camera)
         optimiser.zero_grad()
         if weights.schedule == "ramp":
             optimiser.param_groups[0]["lr"] = weights.rate * _ramp(iteration / len(turns))
@@ -152,6 +156,19 @@ def _converged(costs: Sequence[float]) -> bool:
         return False
     before, after = np.mean(costs[-2 * _WINDOW : -_WINDOW]), np.mean(costs[-_WINDOW:])
     return bool(0 <= before - after < _IMPROVEMENT * before)
+
+
+def hold_depth(body: ParametricBody, parameters: dict[str, Tensor], camera: Camera) -> None:
+    """Move one body along a camera's axis until the middle of its box is as far as the origin.
+
+    One view does not tell size from distance: left free, a body walks away and grows.
+    """
+    import torch
+
+    forward = torch.tensor(camera.forward).to(parameters["translation"])
+    with torch.no_grad():
+        middle = box_middle(body.posed(parameters).vertices)
+        parameters["translation"] -= (middle @ forward)[:, None] * forward
 
 
 def head_cost(body: ParametricBody, posed: Posed) -> Tensor:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from methods.body.detection import Detections
 from methods.body.evidence import Evidence
-from methods.body.model import Parameters, ParametricBody, neutral
+from methods.body.model import Parameters, ParametricBody, Posed, box_middle, neutral
 from methods.body.prior import BodyPrior
 from methods.body.rotations import mean_rotation, mean_rotation_vector, upright
 from methods.body.views import View
@@ -59,14 +59,8 @@ def fit_each_view(
 
     def energy(parameters: Parameters) -> Tensor:
         posed = body.posed(parameters)
-        points = body.landmark_points(posed)
-        root = parameters["translation"]
-        # Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
-        middle = root + (_box_middle(posed.vertices) - root).detach()
-        away = (middle * evidence.forward).sum(1) / _DEPTH_M
-        space = _robust(evidence.space_error(points) / _SPACE_M)
-        landmarks = _picture_terms(evidence, points) + evidence.confidence * space
-        return (landmarks.sum(1) + prior(parameters) + 0.5 * away**2).sum()
+        landmarks = _landmark_terms(evidence, body.landmark_points(posed), 1.0).sum()
+        return landmarks + prior(parameters).sum() + _off_centre(evidence, posed, parameters).sum()
 
     return _descend(start, energy, _SINGLE_STEPS, _SINGLE_RATE)
 
@@ -93,13 +87,19 @@ def average(parameters: Parameters) -> dict[str, Tensor]:
 def fit_jointly(
     body: ParametricBody, views: tuple[View, ...], detections: Detections, start: Parameters
 ) -> dict[str, Tensor]:
-    """One body fitted to the 2-D landmarks of all views; a few wrong ones do little."""
+    """One body fitted to the landmarks of all views; a few wrong ones do little.
+
+    What the detector says of depth counts as much as one view's, however many there are: cameras
+    that see a limb from two sides know better, but a front and a back view alone leave it open.
+    """
     evidence = Evidence(views, detections, body.landmarks)
     prior = BodyPrior(body)
 
     def energy(parameters: Parameters) -> Tensor:
-        points = body.landmark_points(body.posed(parameters))
-        return _picture_terms(evidence, points).sum() + prior(parameters).sum()
+        posed = body.posed(parameters)
+        points = body.landmark_points(posed)
+        cost = _landmark_terms(evidence, points, 1.0 / len(views)).sum() + prior(parameters).sum()
+        return cost + _off_centre(evidence, posed, parameters).sum() if len(views) == 1 else cost
 
     return _descend(start, energy, _JOINT_STEPS, _JOINT_RATE)
 
@@ -123,15 +123,20 @@ def swapped_views(
     return errors[0] > _CLEARLY * errors[1]
 
 
-def _box_middle(vertices: Tensor) -> Tensor:
-    """(B, 3) middle of each body's box in the world's axes."""
-    return (vertices.amin(1) + vertices.amax(1)) / 2
+def _off_centre(evidence: Evidence, posed: Posed, parameters: Parameters) -> Tensor:
+    """(N,) cost of N views' own bodies for being nearer or farther than the rig's centre."""
+    root = parameters["translation"]
+    # Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
+    middle = root + (box_middle(posed.vertices) - root).detach()
+    return 0.5 * ((middle * evidence.forward).sum(1) / _DEPTH_M) ** 2
 
 
-def _picture_terms(evidence: Evidence, points: Tensor) -> Tensor:
-    """(N, K) robust cost of landmarks in the pictures."""
-    error_m = evidence.pixel_error(points) * evidence.metres_per_px[:, None]
-    return evidence.confidence * _robust(error_m / _PICTURE_M)
+def _landmark_terms(evidence: Evidence, points: Tensor, space: float) -> Tensor:
+    """(N, K) robust cost of landmarks in the pictures and, at some weight, in space."""
+    in_picture_m = evidence.pixel_error(points) * evidence.metres_per_px[:, None]
+    in_space_m = evidence.space_error(points.expand(len(evidence), -1, -1))
+    cost = _robust(in_picture_m / _PICTURE_M) + space * _robust(in_space_m / _SPACE_M)
+    return evidence.confidence * cost
 
 
 def _robust(ratio: Tensor) -> Tensor:

@@ -26,6 +26,7 @@ __all__ = [
     "Parameters",
     "ParametricBody",
     "Posed",
+    "box_middle",
     "neutral",
 ]
 
@@ -139,6 +140,11 @@ class ParametricBody(Protocol):
     def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:
         """The parameters of one body as the model's own software takes them."""
         ...
+
+
+def box_middle(vertices: Tensor) -> Tensor:
+    """(B, 3) middle of each body's box in the world's axes, of vertices (B, V, 3)."""
+    return (vertices.amin(1) + vertices.amax(1)) / 2
 
 
 def neutral(body: ParametricBody, batch: int = 1) -> dict[str, Tensor]:

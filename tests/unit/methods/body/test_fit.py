@@ -11,7 +11,7 @@ import torch
 from methods.body.detection import MIRRORED
 from methods.body.jmbo import Weights, head_cost, optimise
 from methods.body.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
-from methods.body.model import neutral
+from methods.body.model import box_middle, neutral
 
 
 @pytest.fixture(autouse=True)
@@ -73,6 +73,32 @@ def test_one_view_of_a_reaching_body_centres_its_box_and_not_its_root(anny, make
         box = posed.vertices[view]
         assert abs((box.amin(0) + box.amax(0)) @ forward / 2) < 0.02
         assert abs((found["translation"][view] - root) @ forward) < 0.04
+
+
+@pytest.mark.slow
+def test_joint_optimisation_of_one_view_does_not_walk_away(anny, person, make_views):
+    """Its mask and landmarks fit at many distances; a start that is off by 20 cm must come back."""
+    camera = make_views.ring(8)[1]
+    views = make_views([camera])
+    forward = torch.tensor(camera.forward, dtype=torch.float32)
+    start = {**neutral(anny), "translation": 0.2 * forward[None]}
+    fit = optimise(anny, views, start, Weights(iterations=20, schedule="ramp"), seed=0)
+    with torch.no_grad():
+        middle = box_middle(anny.posed(fit.parameters).vertices)[0]
+    assert abs(float(middle @ forward)) < 1e-4
+    assert min(fit.costs) < fit.costs[0]
+
+
+@pytest.mark.slow
+def test_depth_in_space_counts_where_front_and_back_view_leave_it_open(anny, person, make_views):
+    """From pictures that are 3 pixels off, the pictures alone tell this body to 46 mm."""
+    ring = make_views.ring(8)
+    views = make_views([ring[0], ring[4]])
+    pixels = views.detections.pixels
+    noise = 3.0 * np.random.default_rng(0).standard_normal(pixels.shape)
+    noisy = replace(views, detections=replace(views.detections, pixels=pixels + noise))
+    joints, _ = errors_mm(anny, from_landmarks(anny, noisy), person)
+    assert joints < 25
 
 
 @pytest.mark.slow
