@@ -16,7 +16,10 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.body.detection import detect
-from methods.body_fit import PAPER, BodyFit, body_average, body_front, jmbo8
+from methods.body.views import load_views
+from methods.body_fit import PAPER, BodyFit, body_average, body_front, jmbo8, jmbo8_paper
+from methods.estimated_normals import with_estimated_normals
+from methods.normals import NormalChoice
 
 SKIN = np.array([0.80, 0.60, 0.48])
 
@@ -172,6 +175,36 @@ def test_no_person_at_all_is_an_error(capture, context, tmp_path):
     assert not detect(some).found.any()
     with pytest.raises(MethodError, match="no view shows a person.*view 0: no person"):
         jmbo8.reconstruct(some, context)
+
+
+@pytest.mark.slow
+def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
+    """The body's own normals stand in for a network's: the answer is known at every pixel."""
+    views = load_views(capture, (0, 3), 256)
+    with_normals = with_estimated_normals(capture, views, figure[0], NormalChoice("body"))
+    caster = Raycaster(figure[0])
+    for view in with_normals.views:
+        truth = caster.normals(view.camera, "camera")
+        both = truth.any(axis=2) & view.normals_camera.any(axis=2)
+        assert both.sum() > 0.97 * truth.any(axis=2).sum()
+        cosine = (truth * view.normals_camera).sum(axis=2)[both]
+        assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 1.5
+        np.testing.assert_allclose(np.linalg.norm(view.normals_camera[both], axis=1), 1.0)
+
+
+@pytest.mark.slow
+def test_the_papers_form_compares_normals_and_names_the_network(capture, context):
+    result = jmbo8_paper.configured({"iterations": "2"}).reconstruct(capture, context)
+    before, after = result.details["jmbo"]["terms"]["normal"]
+    assert before > 0
+    assert after > 0
+    assert "normal estimator" in [part.role for part in jmbo8_paper.info.parts]
+
+
+@pytest.mark.parametrize("unused", [{"stage": "average"}, {"normal": "0"}, {"normals": "off"}])
+def test_a_network_that_is_not_run_is_not_named(unused):
+    roles = [part.role for part in jmbo8_paper.configured(unused).info.parts]
+    assert "normal estimator" not in roles
 
 
 def test_settings_are_checked_and_recorded():
