@@ -1,23 +1,29 @@
 """Measures what ``methods/body/offsets.py`` holds, on generated people whose body is known.
 
-``python -m harness.pipeline.landmark_offsets t00001..t00020`` makes these training avatars and
+``python -m harness.pipeline.landmark_offsets t00001..t00036`` makes these training avatars and
 their photos (by ray casting) in the workspace unless they are there, and prints the table to put
 into that module, with the landmarks' spread. Never run it on subjects that are tested on.
+
+An offset is how far a landmark is detected from the true body's point, and to it how far a body
+that is fitted with such offsets still is: silhouettes of clothes and priors pull as well.
 """
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.artifacts import Scan
+from harness.core.artifacts import Capture, Scan
 from harness.core.camera import Camera
 from harness.core.errors import HarnessError
+from harness.core.protocols import Context
 from harness.core.units import MM_PER_METRE
 from harness.pipeline.true_parameters import true_parameters
 
@@ -26,7 +32,7 @@ if TYPE_CHECKING:
     from methods.body.detection import Detections
     from methods.body.model import LandmarkTable, Posed
 
-__all__ = ["deviations_mm", "symmetric_means", "triangulated", "true_posed"]
+__all__ = ["deviations_mm", "remaining_mm", "symmetric_means", "triangulated", "true_posed"]
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +73,13 @@ def deviations_mm(
         for landmark in table.landmarks
     ]
     away = np.array(points) - blends[0].double().numpy()
+    return np.einsum("kji,kj->ki", turns, away) * MM_PER_METRE
+
+
+def remaining_mm(fitted: Posed, truth: Posed, body: AnnyBody) -> Floats:
+    """(K, 3) from a true body's landmarks to a fitted one's, in the true carriers' rest axes."""
+    turns = truth.turns[0, body.landmarks.carriers].double().numpy()
+    away = (body.landmark_points(fitted) - body.landmark_points(truth))[0].double().numpy()
     return np.einsum("kji,kj->ki", turns, away) * MM_PER_METRE
 
 
@@ -115,7 +128,9 @@ def _main(subjects: str) -> None:
     width, height = _SIZE
     recipe = replace(source.recipe, name="offsets8", renderer="raycast", width=width, height=height)
     source = replace(source, recipe=recipe)
-    body, rows = AnnyBody(), list[Floats]()
+    body = AnnyBody()
+    people: list[tuple[Capture, Posed]] = []
+    detected: list[Floats] = []
     for subject in chosen:
         try:
             capture = source.ensure_capture(subject, silent)
@@ -124,11 +139,32 @@ def _main(subjects: str) -> None:
             sys.stderr.write(f"{subject} left out: {error}\n")
             continue
         posed = true_posed(body, source.load(subject)[0])
-        rows.append(deviations_mm(capture.cameras, detect(capture), posed, body.landmarks))
-    means, spreads = symmetric_means(np.array(rows), body.landmarks.landmarks.tolist())
-    for landmark, mean, spread in zip(body.landmarks.landmarks, means, spreads, strict=True):
-        x, y, z = np.round(mean).astype(int)
+        people.append((capture, posed))
+        detected.append(deviations_mm(capture.cameras, detect(capture), posed, body.landmarks))
+    order = body.landmarks.landmarks.tolist()
+    offsets, _ = symmetric_means(np.array(detected), order)
+    body.landmarks = replace(body.landmarks, offsets=(offsets / MM_PER_METRE).astype(np.float32))
+    remaining, spreads = symmetric_means(np.array(list(_after_fits(body, people))), order)
+    for landmark, offset, spread in zip(order, offsets + remaining, spreads, strict=True):
+        x, y, z = np.round(offset).astype(int)
         sys.stdout.write(f"    {landmark}: ({x}, {y}, {z}),  # {spread:.0f} mm\n")
+
+
+def _after_fits(body: AnnyBody, people: Sequence[tuple[Capture, Posed]]) -> Iterator[Floats]:
+    """What remains between each person and the body that is fitted to the photos."""
+    import torch
+
+    from methods.body.views import load_views
+    from methods.body_fit import jmbo8
+
+    torch.set_num_threads(1)
+    context = Context(seed=0, workdir=Path(), stage=lambda _: contextlib.nullcontext())
+    for done, (capture, truth) in enumerate(people, start=1):
+        sys.stderr.write(f"fitting {done} of {len(people)}: {capture.subject}\n")
+        views = load_views(capture, range(len(capture.cameras)), jmbo8.settings.subject_px)
+        parameters, _ = jmbo8.fit(body, views, capture, context)
+        with torch.no_grad():
+            yield remaining_mm(body.posed(parameters), truth, body)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 
 from harness.core.rigs import RingRig
-from harness.pipeline.landmark_offsets import deviations_mm, symmetric_means, triangulated
+from harness.pipeline.landmark_offsets import (
+    deviations_mm,
+    remaining_mm,
+    symmetric_means,
+    triangulated,
+)
+from methods.body.anatomy import blend_landmarks
 from methods.body.detection import COUNT, Detections
 from methods.body.model import LandmarkTable, Posed
 
@@ -51,6 +59,27 @@ def test_a_deviation_is_told_in_the_carriers_rest_axes():
     found = Detections(pixels, np.zeros((8, COUNT, 3)), np.ones((8, COUNT)))
     deviation = deviations_mm(CAMERAS, found, posed, table)
     np.testing.assert_allclose(deviation, [[0.0, 0.0, 20.0]], atol=1e-3)
+
+
+def test_what_remains_of_a_fit_is_told_in_the_true_carriers_rest_axes():
+    """The fitted skin is 20 mm off along +X, where a quarter turn about +Y has brought +Z."""
+    quarter = torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])[None, None]
+    skin = torch.tensor([[[0.1, 0, 0], [0.3, 0, 0]]])
+    table = LandmarkTable(
+        landmarks=np.array([25]),
+        vertices=np.array([[0, 1]]),
+        weights=np.array([[0.5, 0.5]], dtype=np.float32),
+        carriers=np.array([0]),
+        offsets=np.full((1, 3), 0.009, dtype=np.float32),
+        trust=np.ones(1, dtype=np.float32),
+    )
+    body = SimpleNamespace(
+        landmarks=table, landmark_points=lambda posed: blend_landmarks(table, posed)
+    )
+    truth = Posed(skin, torch.zeros(1, 1, 3), quarter)
+    fitted = Posed(skin + torch.tensor([0.02, 0.0, 0.0]), torch.zeros(1, 1, 3), quarter)
+    np.testing.assert_allclose(remaining_mm(fitted, truth, body), [[0.0, 0.0, 20.0]], atol=1e-3)
+    np.testing.assert_allclose(remaining_mm(truth, truth, body), 0.0)
 
 
 def test_means_are_symmetric_and_an_odd_subject_does_little():
