@@ -23,6 +23,18 @@ CAMERAS = RingRig(views=8).cameras(540, 960)
 POINT = np.array([0.2, 0.5, -0.1])
 
 
+def knee(offset_m):
+    """A table of one landmark, in the middle of two vertices, and so far off along each axis."""
+    return LandmarkTable(
+        landmarks=np.array([25]),
+        vertices=np.array([[0, 1]]),
+        weights=np.array([[0.5, 0.5]], dtype=np.float32),
+        carriers=np.array([0]),
+        offsets=np.full((1, 3), offset_m, dtype=np.float32),
+        trust=np.ones(1, dtype=np.float32),
+    )
+
+
 def seen(point):
     return np.array([camera.project(point[None])[0][0] for camera in CAMERAS])
 
@@ -46,14 +58,7 @@ def test_a_deviation_is_told_in_the_carriers_rest_axes():
     posed = Posed(
         torch.tensor([[[0.1, 0, 0], [0.3, 0, 0]]]), torch.zeros(1, 1, 3), quarter[None, None]
     )
-    table = LandmarkTable(
-        landmarks=np.array([25]),
-        vertices=np.array([[0, 1]]),
-        weights=np.array([[0.5, 0.5]], dtype=np.float32),
-        carriers=np.array([0]),
-        offsets=np.full((1, 3), 9.0, dtype=np.float32),
-        trust=np.ones(1, dtype=np.float32),
-    )
+    table = knee(9.0)
     pixels = np.zeros((8, COUNT, 2))
     pixels[:, 25] = seen(np.array([0.22, 0.0, 0.0]))
     found = Detections(pixels, np.zeros((8, COUNT, 3)), np.ones((8, COUNT)))
@@ -65,14 +70,7 @@ def test_what_remains_of_a_fit_is_told_in_the_true_carriers_rest_axes():
     """The fitted skin is 20 mm off along +X, where a quarter turn about +Y has brought +Z."""
     quarter = torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])[None, None]
     skin = torch.tensor([[[0.1, 0, 0], [0.3, 0, 0]]])
-    table = LandmarkTable(
-        landmarks=np.array([25]),
-        vertices=np.array([[0, 1]]),
-        weights=np.array([[0.5, 0.5]], dtype=np.float32),
-        carriers=np.array([0]),
-        offsets=np.full((1, 3), 0.009, dtype=np.float32),
-        trust=np.ones(1, dtype=np.float32),
-    )
+    table = knee(0.009)
     body = SimpleNamespace(
         landmarks=table, landmark_points=lambda posed: blend_landmarks(table, posed)
     )
