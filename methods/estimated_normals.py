@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.mesh import Mesh
+from harness.geometry.images import unit_normals
 from harness.geometry.sides import SidedRaycaster
 from methods.body.views import Views
 from methods.normals import NormalChoice, view_maps, working_view
@@ -58,11 +59,12 @@ def _seen_by(camera: Camera, window: Camera, normals: Floats) -> Floats:
     """(H, W, 3) unit normals of a window on the pixels of a camera in the same place."""
     from scipy.ndimage import map_coordinates
 
-    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(camera.K).T
-    x, y = np.moveaxis(rays @ window.K[:2].T, -1, 0) - 0.5
+    rays = camera.ray_directions(camera.pixel_centres().reshape(-1, 2))
+    columns, rows = window.project(camera.position + rays)[0].T - 0.5
     blended = np.stack(
-        [map_coordinates(normals[..., axis], [y, x], order=1) for axis in range(3)], axis=-1
+        [map_coordinates(normals[..., axis], [rows, columns], order=1) for axis in range(3)],
+        axis=-1,
     )
-    length = np.linalg.norm(blended, axis=2, keepdims=True)
-    return np.where(length > _SHORTEST, blended / np.maximum(length, _SHORTEST), 0.0)
+    length = np.linalg.norm(blended, axis=1, keepdims=True)
+    seen = unit_normals(np.where(length > _SHORTEST, blended, 0.0))
+    return seen.reshape(camera.height, camera.width, 3)
