@@ -211,7 +211,7 @@ def _info(name: str, title: str, views: tuple[int, ...], settings: FitSettings) 
     return MethodInfo(
         name=name,
         title=title,
-        version="3",
+        version="4",
         views=views,
         parts=(
             body_part(settings.body, settings.smplx_model),

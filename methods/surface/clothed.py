@@ -234,7 +234,7 @@ def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> Me
         fit.info,
         name=names[0],
         title=names[1],
-        version="3",
+        version="4",
         parts=(*fit.info.parts, choice.part),
         privileges=tuple(dict.fromkeys((*fit.info.privileges, *choice.privileges))),
         parameters={**fit.info.parameters, **own},
