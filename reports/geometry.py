@@ -11,7 +11,7 @@ from reports.published import PUBLISHED
 from reports.selection import Group, Selection, select
 from reports.tables import Cell, Column, Interval, Row, Table, mean_cell
 
-__all__ = ["GEOMETRY_METRICS", "geometry_table"]
+__all__ = ["GEOMETRY_METRICS", "geometry_table", "metric_column", "metric_value"]
 
 #: Metric ids of the paper's geometry table, in its order.
 GEOMETRY_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
@@ -39,7 +39,7 @@ def geometry_table(
         ProtocolMismatch: records that are not comparable.
     """
     selection = select(records, methods, subjects)
-    columns = tuple(_column(metric) for metric in GEOMETRY_METRICS)
+    columns = tuple(metric_column(metric) for metric in GEOMETRY_METRICS)
     return Table(
         name="geometry",
         title="Mesh geometry",
@@ -53,7 +53,8 @@ def geometry_table(
     )
 
 
-def _column(metric: str) -> Column:
+def metric_column(metric: str, *, ranked: bool = True) -> Column:
+    """The column of a metric of the catalogue."""
     described = METRICS[metric]
     return Column(
         id=metric,
@@ -61,6 +62,7 @@ def _column(metric: str) -> Column:
         latex_title=described.latex_title,
         unit=described.unit,
         digits=described.digits,
+        ranked=ranked,
     )
 
 
@@ -70,12 +72,17 @@ def _row(group: Group, of: int, interval: Interval | None) -> Row:
 
 def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:
     return {
-        metric: mean_cell([_value(record, metric) for record in records], interval)
+        metric: mean_cell([metric_value(record, metric) for record in records], interval)
         for metric in GEOMETRY_METRICS
     }
 
 
-def _value(record: Record, metric: str) -> float:
+def metric_value(record: Record, metric: str) -> float:
+    """A record's estimate of a metric, in the metric's unit.
+
+    Raises:
+        ProtocolMismatch: none there, or in another unit.
+    """
     where = f"{record.method_name}/{record.subject}"
     if metric not in record.metrics:
         raise ProtocolMismatch(

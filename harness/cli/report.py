@@ -23,7 +23,7 @@ __all__ = ["report"]
 
 def report(
     table: Annotated[
-        str, typer.Option("--table", help="geometry, cost, jmbo, regions or normals.")
+        str, typer.Option("--table", help="geometry, paired, cost, jmbo, regions or normals.")
     ] = "geometry",
     form: Annotated[
         str, typer.Option("--format", help="markdown, latex, csv or json.")

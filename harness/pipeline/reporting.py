@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,6 +18,7 @@ from reports.jmbo import jmbo_table
 from reports.latex import to_latex
 from reports.markdown import to_markdown
 from reports.normal_maps import normals_table
+from reports.paired import paired_table
 from reports.regions import regions_table
 from reports.tables import Table
 
@@ -24,9 +26,17 @@ __all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "in_order", "wri
 
 T = TypeVar("T")
 
+
+def _sign_flip(differences: Sequence[float]) -> float:
+    from metrics.statistics import sign_flip_p_value
+
+    return sign_flip_p_value(differences)
+
+
 #: Tables by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
+    "paired": partial(paired_table, p_value=_sign_flip),
     "cost": cost_table,
     "jmbo": jmbo_table,
     "regions": regions_table,
