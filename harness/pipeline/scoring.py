@@ -37,8 +37,8 @@ def score_pair(
     from metrics.score import score
 
     with ThreadPoolExecutor(max_workers=2) as pool:
-        meshes = pool.map(load_mesh, (predicted, truth))
-        return score(*meshes, protocol, keep_points=keep_points)
+        ours, theirs = pool.map(load_mesh, (predicted, truth))
+    return score(ours, theirs, protocol, keep_points=keep_points)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,7 @@ class AnnyBody:
         self.part = body_part(self.name)
         self.faces: NDArray[np.int32] = self._model.get_triangular_faces().numpy().astype(np.int32)
         self.joint_names = tuple(self._model.bone_labels)
-        self.roles = {"head": self.joint_names.index("head")} | {
+        self.roles: Mapping[str, int] = {"head": self.joint_names.index("head")} | {
             f"{side}_{role}": self.joint_names.index(f"{bone}.{side[0].upper()}")
             for role, bone in _ROLES.items()
             for side in ("left", "right")
@@ -135,7 +135,7 @@ class AnnyBody:
         self.free = _free_joints()
         self.shape_prior = _shape_prior(self._model.phenotype_labels)
         self.landmarks = _landmark_table()
-        self.regions = _regions(self._model)
+        self.regions: Mapping[str, NDArray[np.bool_]] = _regions(self._model)
         self._free_index = torch.tensor([self.joint_names.index(j.name) for j in self.free])
         self._to_world = torch.from_numpy(_ANNY_TO_WORLD)
 

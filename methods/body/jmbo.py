@@ -213,7 +213,8 @@ class _Problem:
         # Views are looked at one by one from these, so that only one view's graph is held.
         leaves = [made.detach().requires_grad_() for made in (vertices, points, normals)]
         surface = BodySurface(vertices.detach().cpu().double().numpy(), self.topology)
-        total, sums = 0.0, dict.fromkeys(("silhouette", "normal", "landmark"), 0.0)
+        total = 0.0
+        sums: dict[str, float] = dict.fromkeys(("silhouette", "normal", "landmark"), 0.0)
         share = len(self.silhouettes) / len(chosen)
         for view in chosen:
             terms = self._terms(view, leaves, surface)

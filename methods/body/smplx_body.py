@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import pickle
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,11 +73,13 @@ class SmplxBody:
         self.part = body_part(self.name, str(model_file))
         self.faces: NDArray[np.int32] = np.asarray(self._model.faces).astype(np.int32)
         self.joint_names = tuple(JOINT_NAMES[:_JOINTS])
-        self.roles = {role: self.joint_names.index(role) for role in (*MAIN_JOINTS, "head")}
+        self.roles: Mapping[str, int] = {
+            role: self.joint_names.index(role) for role in (*MAIN_JOINTS, "head")
+        }
         self.free = tuple(_free(name) for name in self.joint_names[1 : _BODY_JOINTS + 1])
         self.shape_prior = np.stack([np.zeros(_BETAS), np.ones(_BETAS)]).astype(np.float32)
         self.landmarks = _landmark_table(self._model, self.joint_names)
-        self.regions = _regions(self._model, self.joint_names)
+        self.regions: Mapping[str, NDArray[np.bool_]] = _regions(self._model, self.joint_names)
         self._parents = [int(parent) for parent in self._model.parents]
         self._torch = torch
 
