@@ -152,11 +152,11 @@ def _p_column(metric: str) -> Column:
 def _reading(rows: Sequence[Row]) -> list[str]:
     """How to read the table, and which of its differences may be chance."""
     doubtful = "; ".join(filter(None, map(_doubtful, rows)))
-    told = f"May be chance: {doubtful}" if doubtful else "None of them may be chance"
     return [
         "Means of the differences on the subjects that both have, negative is better; lower on: "
         "share of these subjects",
-        f"Two-sided sign-flip test over subjects, Holm over all cells, {100 * LEVEL:g} %. {told}",
+        f"Two-sided sign-flip test over subjects, Holm over all cells, {100 * LEVEL:g} %. May be "
+        f"chance: {doubtful or 'none'}",
     ]
 
 

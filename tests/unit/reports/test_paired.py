@@ -88,7 +88,7 @@ def test_what_may_be_chance_is_named():
     assert "May be chance: MIXED (Chamfer p 1, " in table_of(HARD, mixed).caption
     certain = scored("certain", [value - 1 for value in range(10, 150, 10)], subjects=range(14))
     base = scored("base", range(10, 150, 10), subjects=range(14))
-    assert "None of them may be chance" in table_of(base, certain).caption
+    assert "May be chance: none." in table_of(base, certain).caption
 
 
 def test_one_method_alone_has_nothing_to_be_compared_with():
