@@ -8,6 +8,10 @@ be integrated on the front's pixels. As in the authors' code, each view is integ
 estimator's maps of both its sides, and only its near sheet is kept; its own camera then takes that
 sheet to the world, which is the known rotation and, unlike there, the known translation as well.
 
+Eight views also show how far the clothes stand off the body, all round: ``mexecon8`` holds its
+surface to the body moved out to the silhouettes (``methods/surface/clothed_body.py``), where the
+paper inflates the body by 2 cm (``--set clothes=uniform``).
+
 Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 """
 
@@ -38,14 +42,18 @@ def _near_sides(views: Sequence[tuple[ViewMaps, FrontBackDepth]]) -> list[Mesh]:
     return [replace(sheet, source=name) for sheet, name in zip(sheets, names, strict=True)]
 
 
-def _mexecon(name: str, title: str, views: tuple[int, ...]) -> ClothedMethod:
+def _mexecon(
+    name: str, title: str, views: tuple[int, ...], settings: ClothedSettings
+) -> ClothedMethod:
     return ClothedMethod(
         names=(name, title),
         fit=BodyFit(f"{name}-body", f"JMBO, {len(views)} views", views, DEFAULT),
         plan=SheetPlan((_FRONT, _BACK), _near_sides),
-        settings=ClothedSettings(),
+        settings=settings,
     )
 
 
-mexecon2 = _mexecon("mexecon2", "MExECON, 2 views", (_FRONT, _BACK))
-mexecon8 = _mexecon("mexecon8", "MExECON, 8 views", tuple(range(8)))
+mexecon2 = _mexecon("mexecon2", "MExECON, 2 views", (_FRONT, _BACK), ClothedSettings())
+mexecon8 = _mexecon(
+    "mexecon8", "MExECON, 8 views", tuple(range(8)), ClothedSettings(clothes="silhouettes")
+)

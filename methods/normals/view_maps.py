@@ -6,7 +6,7 @@ map frame, x right, y up, z towards the viewer, so that z is negative on the bac
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,11 @@ class ViewMaps:
     body_back: Floats
     body_near_m: Floats
     body_far_m: Floats
+
+    def held_to(self, shape: SidedRaycaster) -> ViewMaps:
+        """The same normals with the depth of another body, such as one in its clothes."""
+        near, far = (shape.cast(self.view.camera, side).depth for side in ("near", "far"))
+        return replace(self, body_near_m=near, body_far_m=far)
 
 
 def view_maps(view: WorkingView, body: SidedRaycaster, estimator: NormalEstimator) -> ViewMaps:

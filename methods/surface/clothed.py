@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,12 @@ from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
-from harness.geometry.images import save_png
+from harness.geometry.images import load_rgba, save_png
 from harness.geometry.sides import SidedRaycaster
 from methods.body_fit import BodyFit, FitSettings, body_model
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
+from methods.surface.clothed_body import Outline, clothed_body
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import (
     BodyPrior,
@@ -50,6 +52,8 @@ class ClothedSettings:
         resolution: Side of the working picture in pixels; ECON's is 512.
         prior_weight: How strongly integration holds on to the body's depth; 0 is the estimator's
             own: the published 1e-4, and 1e-3 for ``open``.
+        clothes: How far that depth is from the body: ``uniform``, the published 2 cm, or
+            ``silhouettes``, as far as those of all views show; one or two do not show the sides.
         hands: ``body`` puts the body's hands in, as ECON does; ``sheets`` leaves what is seen.
         poisson_depth: Depth of the fusion's octree; the published 10.
         faces: Decimate the mesh to about this many; 0 keeps all.
@@ -59,6 +63,7 @@ class ClothedSettings:
     normals_model: str = ""
     resolution: int = 512
     prior_weight: float = 0.0
+    clothes: str = "uniform"
     hands: str = "sheets"
     poisson_depth: int = 10
     faces: int = 0
@@ -67,6 +72,10 @@ class ClothedSettings:
         if self.hands not in ("body", "sheets"):
             raise HarnessError(
                 f"setting 'hands' cannot be '{self.hands}'", expected="body or sheets"
+            )
+        if self.clothes not in ("uniform", "silhouettes"):
+            raise HarnessError(
+                f"setting 'clothes' cannot be '{self.clothes}'", expected="uniform or silhouettes"
             )
         if not 64 <= self.resolution <= 4096:
             raise HarnessError(
@@ -84,7 +93,8 @@ class ClothedSettings:
     def integration(self) -> FrontBackParameters:
         """How normals are integrated."""
         weight = self.prior_weight or self.normal_choice.prior_weight
-        return FrontBackParameters(prior_weight=weight)
+        published = FrontBackParameters(prior_weight=weight)
+        return published if self.clothes == "uniform" else replace(published, thickness=0.0)
 
     @property
     def fusion(self) -> FusionParameters:
@@ -166,11 +176,18 @@ class ClothedMethod:
         skin = Mesh(body.vertices, body.faces, source="fitted body")
         with context.stage("normals"):
             maps = self._maps(capture, skin, context)
+        shape = skin
+        if self.settings.clothes == "silhouettes":
+            with context.stage("clothes"):
+                used = cast("Sequence[int]", fitted.details["views_used"])
+                shape = clothed_body(skin, [_outline(capture, view) for view in used])
+                caster = SidedRaycaster(shape)
+                maps = [each.held_to(caster) for each in maps]
         with context.stage("integration"):
             depths = [integrated(each, self.settings.integration) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
-            parts = self._parts(sheets, skin)
+            parts = self._parts(sheets, skin, shape)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
         if context.keep:
@@ -197,7 +214,7 @@ class ClothedMethod:
             maps.append(view_maps(view, caster, estimator))
         return maps
 
-    def _parts(self, sheets: list[Mesh], skin: Mesh) -> list[Mesh]:
+    def _parts(self, sheets: list[Mesh], skin: Mesh, shape: Mesh) -> list[Mesh]:
         """Sheets, completion and hands: what is fused."""
         regions = _regions(self._fit.settings)
         omitted = np.logical_or.reduce(list(regions.values()))
@@ -205,8 +222,14 @@ class ClothedMethod:
         if hands:
             sheets = without_hands(sheets, skin, regions["hands"])
         seen = concatenated([*sheets, *hands])
-        completion = BodyCompletion()(seen, skin, omitted)
+        completion = BodyCompletion()(seen, shape, omitted)
         return [*sheets, *([] if completion is None else [completion]), *hands]
+
+
+def _outline(capture: Capture, view: int) -> Outline:
+    camera = capture.cameras[view]
+    rgba = load_rgba(capture.image_path(view), camera.size)
+    return Outline(camera, rgba[..., 3] >= 128)
 
 
 def _handed_out(maps: ViewMaps) -> NormalMaps:
@@ -234,7 +257,7 @@ def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> Me
         fit.info,
         name=names[0],
         title=names[1],
-        version="4",
+        version="5",
         parts=(*fit.info.parts, choice.part),
         privileges=tuple(dict.fromkeys((*fit.info.privileges, *choice.privileges))),
         parameters={**fit.info.parameters, **own},

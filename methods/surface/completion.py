@@ -19,7 +19,13 @@ from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex, vertex_normals
 
-__all__ = ["BodyCompletion", "Completion", "CompletionParameters", "without_vertices"]
+__all__ = [
+    "BodyCompletion",
+    "Completion",
+    "CompletionParameters",
+    "smooth_offsets",
+    "without_vertices",
+]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,17 +94,24 @@ class BodyCompletion:
 
 def registered(body: Mesh, sheets: SurfaceIndex, parameters: CompletionParameters) -> Mesh:
     """The body with each vertex moved along its normal, smoothly, towards the sheets."""
-    from scipy.sparse.linalg import splu
-
-    laplacian = parameters.smoothness * _laplacian(body)
     for _ in range(parameters.rounds):
         normals = vertex_normals(body)
         offsets, trust = _pull(body.vertices, normals, sheets, parameters.reach_m)
-        # A part that no sheet reaches stays where it is.
-        system = laplacian + _diagonal(trust + 1e-6)
-        smooth = splu(system.tocsc()).solve(trust * offsets)
+        smooth = smooth_offsets(body, offsets, trust, parameters.smoothness)
         body = Mesh(body.vertices + smooth[:, None] * normals, body.faces, source=body.source)
     return body
+
+
+def smooth_offsets(mesh: Mesh, offsets: Floats, trust: Floats, smoothness: float) -> Floats:
+    """Offsets (V,) near the given ones where these are trusted (V,), and like their neighbours'.
+
+    A part where none is trusted has none. ``smoothness`` weighs the squared difference along an
+    edge, against 1 for the squared distance to a given offset.
+    """
+    from scipy.sparse.linalg import splu
+
+    system = smoothness * _laplacian(mesh) + _diagonal(trust + 1e-6)
+    return splu(system.tocsc()).solve(trust * offsets)
 
 
 def _pull(

@@ -66,7 +66,7 @@ class KnownBody:
     def reconstruct(self, _: Capture, __: Context) -> Reconstruction:
         mesh = figure(-CLOTH_M)
         body = Body("egg", mesh.vertices, np.zeros((1, 3)), mesh.faces, {})
-        return Reconstruction(mesh=mesh, body=body)
+        return Reconstruction(mesh=mesh, body=body, details={"views_used": list(range(8))})
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def distances_mm(mesh: Mesh) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", [econ, mexecon2], ids=lambda m: m.info.name)
+@pytest.mark.parametrize("method", [econ, mexecon2, mexecon8], ids=lambda m: m.info.name)
 def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_path):
     method = small(method, "oracle")
     result = method.reconstruct(capture, context(tmp_path))
@@ -173,9 +173,13 @@ def test_settings_reach_the_fit_or_the_surface():
     assert (econ.settings.normals, econ.info.parameters["prior_weight"]) == ("open", 1e-3)
     assert oracle.info.parameters["prior_weight"] == 1e-4
     assert econ.configured({"prior_weight": "0.01"}).settings.integration.prior_weight == 0.01
+    assert mexecon2.settings.integration.thickness == 0.02
+    assert mexecon8.settings.integration.thickness == 0.0
+    assert mexecon8.configured({"clothes": "uniform"}).settings.integration.thickness == 0.02
     for wrong, message in (
         ({"colour": "red"}, "unknown setting 'colour'"),
         ({"hands": "gloves"}, "body or sheets"),
+        ({"clothes": "none"}, "uniform or silhouettes"),
         ({"normals": "onnx"}, "do not go together"),
         ({"poisson_depth": "30"}, "depth 4 to 12"),
         ({"resolution": "1"}, "64 to 4096"),

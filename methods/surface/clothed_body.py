@@ -1,0 +1,112 @@
+"""The body in its clothes, as far as outlines tell: moved out along its normals to silhouettes.
+
+The published integration holds on to the body's depth, inflated by 2 cm towards and away from the
+viewer: too much on a bare arm, too little under a coat, where the sheet then runs inside the cloth.
+Where several calibrated views see the person, their silhouettes say how far the clothes stand off:
+a vertex that moves along its normal leaves some silhouette at the latest where the clothes end.
+Between the outlines it leaves late, for eight silhouettes enclose more than the person; the share
+that is taken of the way was chosen on training subjects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.camera import Camera
+from harness.core.mesh import Mesh
+from harness.geometry.raycast import Raycaster
+from harness.geometry.surface import vertex_normals
+from methods.surface.completion import smooth_offsets
+
+__all__ = ["Outline", "believed", "clothed_body", "ways_out_m"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
+_STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04
+#: Of the way to the silhouettes. On training subjects 0.7 to 1 are worse in distance or normals.
+_SHARE = 0.8
+#: Weight of neighbours' equality against 1 for an offset that was found.
+_SMOOTHNESS = 5.0
+#: An offset counts if the body itself is not met within twice the way and this much more: between
+#: arm and trunk the outlines are the other's.
+_CLEAR_M = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """The subject in one view.
+
+    Attributes:
+        camera: Full perspective.
+        mask: (H, W) where the subject is.
+    """
+
+    camera: Camera
+    mask: Mask
+
+    def holds(self, points_world: Floats) -> Mask:
+        """(N,) whether world points are seen within the subject; beyond the frame all are."""
+        pixels, _ = self.camera.project(points_world)
+        height, width = self.mask.shape
+        with np.errstate(invalid="ignore"):  # behind the camera: NaN, so not in the frame
+            framed = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+        columns, rows = pixels[framed].astype(np.int64).T
+        held = np.ones(len(points_world), dtype=bool)
+        held[framed] = self.mask[rows, columns]
+        return held
+
+
+def clothed_body(body: Mesh, outlines: Sequence[Outline]) -> Mesh:
+    """The body (world metres) with its surface moved to the clothes that the outlines show.
+
+    Args:
+        body: The fitted body, facing outwards.
+        outlines: Of views all round; what none sees from the side follows its neighbours.
+    """
+    normals = vertex_normals(body)
+    found = ways_out_m(body.vertices, normals, outlines)
+    trust = believed(body, normals, found).astype(np.float64)
+    offsets = smooth_offsets(body, np.nan_to_num(found), trust, _SMOOTHNESS)
+    moved = body.vertices + _SHARE * offsets[:, None] * normals
+    return Mesh(moved, body.faces, source=body.source)
+
+
+def ways_out_m(points_world: Floats, directions: Floats, outlines: Sequence[Outline]) -> Floats:
+    """(V,) metres from points (V, 3) along unit directions to the end of their silhouettes' hull.
+
+    Negative for points outside, back along the direction; NaN where it is too far. To half a step
+    of 4 mm.
+    """
+    ways = np.full(len(points_world), np.nan)
+    outside = np.logical_not(_held(points_world, outlines))
+    for start, sign, reach_m in ((outside, -1.0, _IN_M), (~outside, 1.0, _OUT_M)):
+        walking = np.flatnonzero(start)
+        for way in np.arange(_STEP_M, reach_m, _STEP_M):
+            there = points_world[walking] + sign * way * directions[walking]
+            crossed = _held(there, outlines) == (sign < 0)
+            ways[walking[crossed]] = sign * (way - _STEP_M / 2)
+            walking = walking[~crossed]
+    return ways
+
+
+def believed(body: Mesh, normals: Floats, ways: Floats) -> Mask:
+    """(V,) whether a way out (V,) along a vertex' normal is that of its own clothes."""
+    # From just outside, or each vertex would meet its own faces.
+    met = Raycaster(body).answer(body.vertices + 2e-3 * normals, normals)["t_hit"].numpy()
+    return np.isfinite(ways) & (met > 2 * np.nan_to_num(ways) + _CLEAR_M)
+
+
+def _held(points_world: Floats, outlines: Sequence[Outline]) -> Mask:
+    """(N,) whether every view sees a point within the subject."""
+    held = np.arange(len(points_world))
+    for outline in outlines:
+        held = held[outline.holds(points_world[held])]
+    inside = np.zeros(len(points_world), dtype=bool)
+    inside[held] = True
+    return inside
