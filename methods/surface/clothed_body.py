@@ -29,8 +29,8 @@ Mask = NDArray[np.bool_]
 
 #: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
 _STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04
-#: Of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance and 22.4
-#: degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm for all.
+#: Of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance and
+#: 22.4 degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm.
 _SHARE = 0.8
 #: Weight of neighbours' equality against 1 for an offset that was found.
 _SMOOTHNESS = 5.0
