@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -15,19 +17,10 @@ BODY_M, CLOTHES_M = 0.20, 0.25
 STEP_M, PIXEL_M = 0.004, 0.006
 
 
-def ball(radius: float, centre=(0.0, 0.0, 0.0)) -> Mesh:
-    """A closed sphere, outward, in a grid of 2.5 degrees."""
-    polar, around = np.linspace(0, np.pi, 73)[1:-1], np.arange(144) * 2 * np.pi / 144
-    v, u = np.meshgrid(polar, around, indexing="ij")
-    ring = np.stack([np.sin(v) * np.sin(u), np.cos(v), np.sin(v) * np.cos(u)], -1)
-    points = np.concatenate([ring.reshape(-1, 3), [[0, 1, 0], [0, -1, 0]]])
-    index = np.arange(71 * 144).reshape(71, 144)
-    right = np.roll(index, -1, axis=1)
-    a, b, c, d = (part.ravel() for part in (index[:-1], index[1:], right[1:], right[:-1]))
-    top, low = (np.full(144, len(points) - k) for k in (2, 1))
-    caps = [np.stack([top, index[0], right[0]], 1), np.stack([low, right[-1], index[-1]], 1)]
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1), *caps])
-    return Mesh(points * radius + centre, faces)
+@pytest.fixture
+def sphere(ball: Mesh) -> Callable[..., Mesh]:
+    """``sphere(radius, centre)``: closed, outward, with a ring of vertices on its equator."""
+    return lambda radius, centre=(0.0, 0.0, 0.0): Mesh(ball.vertices * radius + centre, ball.faces)
 
 
 def outlines(mesh: Mesh, views: int = 8) -> list[Outline]:
@@ -41,9 +34,9 @@ def equator(mesh: Mesh) -> np.ndarray:
     return np.abs(mesh.vertices[:, 1]) < 0.01
 
 
-def test_the_way_out_is_as_long_as_the_clothes_are_thick_where_an_outline_touches():
+def test_the_way_out_is_as_long_as_the_clothes_are_thick_where_an_outline_touches(sphere):
     """Eight perspective views touch a ball at yaw ± arccos(r / d): sixteen tangents."""
-    body, views = ball(BODY_M), outlines(ball(CLOTHES_M))
+    body, views = sphere(BODY_M), outlines(sphere(CLOTHES_M))
     directions = body.vertices / BODY_M
     ways = ways_out_m(body.vertices, directions, views)[equator(body)]
     touch_deg = np.degrees(np.arccos(CLOTHES_M / 3.0))
@@ -54,21 +47,21 @@ def test_the_way_out_is_as_long_as_the_clothes_are_thick_where_an_outline_touche
     assert ways.max() == pytest.approx(CLOTHES_M - BODY_M + corner_m, abs=away)
 
 
-def test_a_body_that_stands_out_is_brought_in_and_one_without_an_end_in_reach_has_no_way():
-    body = ball(BODY_M)
+def test_a_body_that_stands_out_is_brought_in_and_one_without_an_end_in_reach_has_no_way(sphere):
+    body = sphere(BODY_M)
     directions = body.vertices / BODY_M
-    smaller = ways_out_m(body.vertices, directions, outlines(ball(0.185)))
+    smaller = ways_out_m(body.vertices, directions, outlines(sphere(0.185)))
     side = equator(body)
     assert smaller[side].max() < 0.0
     assert np.median(smaller[side]) == pytest.approx(-0.015, abs=PIXEL_M)
-    assert np.isnan(ways_out_m(body.vertices, directions, outlines(ball(0.6)))).all()
+    assert np.isnan(ways_out_m(body.vertices, directions, outlines(sphere(0.6)))).all()
     # Beyond a picture's frame nothing denies that there is more of the subject.
     afar = body.vertices + np.array([9.0, 0.0, 0.0])
     assert np.isnan(ways_out_m(afar, directions, outlines(body, 1))).all()
 
 
-def test_the_clothed_body_is_nearer_to_the_clothes_on_all_sides():
-    body, clothes = ball(BODY_M), ball(CLOTHES_M)
+def test_the_clothed_body_is_nearer_to_the_clothes_on_all_sides(sphere):
+    body, clothes = sphere(BODY_M), sphere(CLOTHES_M)
     moved = clothed_body(body, outlines(clothes))
     radius = np.linalg.norm(moved.vertices, axis=1)
     # Four fifths of the way, and the hull is a little larger than the ball.
@@ -77,9 +70,9 @@ def test_the_clothed_body_is_nearer_to_the_clothes_on_all_sides():
     assert moved.faces is body.faces
 
 
-def test_a_way_that_another_limb_is_in_is_not_believed():
+def test_a_way_that_another_limb_is_in_is_not_believed(sphere):
     """Two balls 4 cm apart: straight across, only a way of less than a centimetre is clear."""
-    left, right = ball(0.1, (-0.12, 0.0, 0.0)), ball(0.1, (0.12, 0.0, 0.0))
+    left, right = sphere(0.1, (-0.12, 0.0, 0.0)), sphere(0.1, (0.12, 0.0, 0.0))
     count = len(left.vertices)
     body = Mesh(
         np.concatenate([left.vertices, right.vertices]),
