@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness.core.artifacts import Body, Capture, Reconstruction
-from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import overridden
+from harness.core.settings import check_choice, overridden
 from methods.body import detection
 from methods.body.jmbo import Weights
 from methods.estimated_normals import with_estimated_normals
@@ -113,11 +112,7 @@ class BodyFit:
             ("normals", ("off", "open", "oracle")),
             ("schedule", ("plateau", "ramp")),
         ):
-            if getattr(settings, field) not in known:
-                raise HarnessError(
-                    f"setting '{field}' cannot be '{getattr(settings, field)}'",
-                    expected=" or ".join(known),
-                )
+            check_choice(field, getattr(settings, field), known)
         return BodyFit(self._name, self._title, self._views, settings)
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:

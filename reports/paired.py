@@ -47,12 +47,7 @@ def paired_table(
     """
     selection = select(records, methods, subjects)
     ranked = [group for group in selection.groups if group.competes]
-    reference, others = (ranked[0], ranked[1:]) if ranked else (None, [])
-    found = {
-        group.method: _differences(group, reference)
-        for group in others
-        if reference and not {r.subject for r in group.ok}.isdisjoint(_by_subject(reference))
-    }
+    found = {group.method: _differences(group, ranked[0]) for group in ranked[1:]}
     p_values = _adjusted(
         {
             (method, metric): p_value(values)
@@ -61,13 +56,13 @@ def paired_table(
         }
     )
     rows = [
-        _row((group, reference), len(selection.subjects), found[group.method], p_values, interval)
-        for group in others
-        if reference and group.method in found
+        _row((group, ranked[0]), len(selection.subjects), found[group.method], p_values, interval)
+        for group in ranked[1:]
+        if found[group.method]
     ]
     return Table(
         name="paired",
-        title=f"Difference from {reference.title}" if reference else "Differences",
+        title=f"Difference from {ranked[0].title}" if ranked else "Differences",
         dataset=selection.dataset,
         recipe=selection.recipe,
         protocol=selection.protocol,
@@ -82,14 +77,12 @@ def paired_table(
     )
 
 
-def _by_subject(group: Group) -> Mapping[str, Record]:
-    return {record.subject: record for record in group.ok}
-
-
 def _differences(group: Group, reference: Group) -> Mapping[str, list[float]]:
-    """By metric, one difference for each subject that both have."""
-    theirs = _by_subject(reference)
+    """By metric, one difference for each subject that both have; empty if there is none."""
+    theirs = {record.subject: record for record in reference.ok}
     pairs = [(record, theirs[record.subject]) for record in group.ok if record.subject in theirs]
+    if not pairs:
+        return {}
     return {
         metric: [metric_value(ours, metric) - metric_value(base, metric) for ours, base in pairs]
         for metric in GEOMETRY_METRICS

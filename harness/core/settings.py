@@ -6,7 +6,7 @@ Both are read from ``data_manifest.yaml`` and hashed into every record.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
@@ -18,7 +18,7 @@ from harness.core.rigs import RingRig
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["MetricProtocol", "RenderRecipe", "overridden"]
+__all__ = ["MetricProtocol", "RenderRecipe", "check_choice", "overridden"]
 
 Settings = TypeVar("Settings", bound="DataclassInstance")
 
@@ -41,6 +41,16 @@ def overridden(settings: Settings, texts: Mapping[str, str]) -> Settings:
                 f"setting '{name}' cannot be '{text}'", expected=f"like {current[name]}"
             ) from error
     return replace(settings, **values)
+
+
+def check_choice(name: str, value: str, known: Sequence[str]) -> None:
+    """Refuse a setting that is none of the words it can be.
+
+    Raises:
+        HarnessError: naming the setting, the value and the words.
+    """
+    if value not in known:
+        raise HarnessError(f"setting '{name}' cannot be '{value}'", expected=" or ".join(known))
 
 
 def _read_as(example: Any, text: str) -> object:

@@ -37,9 +37,9 @@ MIRRORED = np.array(
     [0, 4, 5, 6, 1, 2, 3, 8, 7, 10, 9]
     + [index + (1 if index % 2 else -1) for index in range(11, 33)]
 )
-#: Of each picture that the detector is shown: the power that its brightness is raised to, and the
-#: grey behind the subject.
-_SHOWN = ((1.0, 0.75), (2.0, 0.75), (1.0, 0.25))
+#: The pictures that the detector is shown: the grey behind the subject, and the powers that the
+#: brightness of such a picture is raised to.
+_SHOWN = ((0.75, (1.0, 2.0)), (0.25, (1.0,)))
 #: Free space around the subject, as a share of its height; the detector wants some.
 _MARGIN = 0.12
 #: A landmark that two readings place this far apart, in the person's longer side, counts half (more
@@ -167,12 +167,18 @@ def agreed(readings: Sequence[Reading]) -> Reading | None:
 
 def _readings(detector: Any, cut_out: NDArray[np.uint8]) -> Iterator[Reading]:
     """What the detector says of a subject, in every way that it is shown."""
-    for power, grey in _SHOWN:
-        picture = np.round(255 * composite(cut_out, (grey, grey, grey)) ** power).astype(np.uint8)
+    for picture in _pictures(cut_out):
         if (reading := _reading(detector, picture)) is not None:
             yield reading
         if (reading := _reading(detector, picture[:, ::-1])) is not None:
             yield reading.reflected(picture.shape[1])
+
+
+def _pictures(cut_out: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
+    for grey, powers in _SHOWN:
+        light = composite(cut_out, (grey, grey, grey))
+        for power in powers:
+            yield np.round(255 * light**power).astype(np.uint8)
 
 
 def _reading(detector: Any, picture: NDArray[np.uint8]) -> Reading | None:

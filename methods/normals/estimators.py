@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from harness.core.camera import Camera
 from harness.core.errors import HarnessError, MethodError
 from harness.core.protocols import NormalEstimator, Part
+from harness.core.settings import check_choice
 from methods.normals import installed
 from methods.normals.onnx_estimator import OnnxNormals
 
@@ -85,10 +86,7 @@ class NormalChoice:
     model: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in _KINDS:
-            raise HarnessError(
-                f"setting 'normals' cannot be '{self.kind}'", expected=" or ".join(_KINDS)
-            )
+        check_choice("normals", self.kind, _KINDS)
         if (self.kind == "onnx") != bool(self.model):
             raise HarnessError(
                 "settings 'normals' and 'normals_model' do not go together",

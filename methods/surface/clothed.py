@@ -20,8 +20,8 @@ from harness.core.files import atomic_path
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import overridden
-from harness.geometry.images import load_rgba, save_png
+from harness.core.settings import check_choice, overridden
+from harness.geometry.images import load_mask, save_png
 from harness.geometry.sides import SidedRaycaster
 from methods.body_fit import BodyFit, FitSettings, body_model
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
@@ -69,14 +69,8 @@ class ClothedSettings:
     faces: int = 0
 
     def __post_init__(self) -> None:
-        if self.hands not in ("body", "sheets"):
-            raise HarnessError(
-                f"setting 'hands' cannot be '{self.hands}'", expected="body or sheets"
-            )
-        if self.clothes not in ("uniform", "silhouettes"):
-            raise HarnessError(
-                f"setting 'clothes' cannot be '{self.clothes}'", expected="uniform or silhouettes"
-            )
+        check_choice("hands", self.hands, ("body", "sheets"))
+        check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
         if not 64 <= self.resolution <= 4096:
             raise HarnessError(
                 f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
@@ -228,8 +222,7 @@ class ClothedMethod:
 
 def _outline(capture: Capture, view: int) -> Outline:
     camera = capture.cameras[view]
-    rgba = load_rgba(capture.image_path(view), camera.size)
-    return Outline(camera, rgba[..., 3] >= 128)
+    return Outline(camera, load_mask(capture.image_path(view), camera.size) >= 0.5)
 
 
 def _handed_out(maps: ViewMaps) -> NormalMaps:

@@ -20,7 +20,7 @@ from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals
-from methods.surface.completion import smooth_offsets
+from methods.surface.completion import smooth_offsets, stiffness
 
 __all__ = ["Outline", "believed", "clothed_body", "ways_out_m"]
 
@@ -73,7 +73,7 @@ def clothed_body(body: Mesh, outlines: Sequence[Outline]) -> Mesh:
     normals = vertex_normals(body)
     found = ways_out_m(body.vertices, normals, outlines)
     trust = believed(body, normals, found).astype(np.float64)
-    offsets = smooth_offsets(body, np.nan_to_num(found), trust, _SMOOTHNESS)
+    offsets = smooth_offsets(stiffness(body, _SMOOTHNESS), np.nan_to_num(found), trust)
     moved = body.vertices + _SHARE * offsets[:, None] * normals
     return Mesh(moved, body.faces, source=body.source)
 

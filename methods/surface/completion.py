@@ -10,7 +10,7 @@ sheet, where nothing is seen, the body stands off by as much as the clothes do o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ __all__ = [
     "Completion",
     "CompletionParameters",
     "smooth_offsets",
+    "stiffness",
     "without_vertices",
 ]
 
@@ -94,23 +95,32 @@ class BodyCompletion:
 
 def registered(body: Mesh, sheets: SurfaceIndex, parameters: CompletionParameters) -> Mesh:
     """The body with each vertex moved along its normal, smoothly, towards the sheets."""
+    stiff = stiffness(body, parameters.smoothness)
     for _ in range(parameters.rounds):
         normals = vertex_normals(body)
         offsets, trust = _pull(body.vertices, normals, sheets, parameters.reach_m)
-        smooth = smooth_offsets(body, offsets, trust, parameters.smoothness)
+        smooth = smooth_offsets(stiff, offsets, trust)
         body = Mesh(body.vertices + smooth[:, None] * normals, body.faces, source=body.source)
     return body
 
 
-def smooth_offsets(mesh: Mesh, offsets: Floats, trust: Floats, smoothness: float) -> Floats:
+def stiffness(mesh: Mesh, smoothness: float):  # noqa: ANN201 - as ``_laplacian``
+    """(V, V) matrix for ``smooth_offsets`` on a mesh of these faces.
+
+    ``smoothness`` weighs the squared difference along an edge, against 1 for the squared distance
+    to a given offset.
+    """
+    return smoothness * _laplacian(mesh)
+
+
+def smooth_offsets(stiff: Any, offsets: Floats, trust: Floats) -> Floats:
     """Offsets (V,) near the given ones where these are trusted (V,), and like their neighbours'.
 
-    A part where none is trusted has none. ``smoothness`` weighs the squared difference along an
-    edge, against 1 for the squared distance to a given offset.
+    A part where none is trusted has none. ``stiff`` is the mesh's ``stiffness``.
     """
     from scipy.sparse.linalg import splu
 
-    system = smoothness * _laplacian(mesh) + _diagonal(trust + 1e-6)
+    system = stiff + _diagonal(trust + 1e-6)
     return splu(system.tocsc()).solve(trust * offsets)
 
 
