@@ -16,6 +16,7 @@ import numpy as np
 
 from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import check_choice, overridden
 from methods.body import detection
@@ -126,7 +127,9 @@ class BodyFit:
 
         wanted = [view for view in self._views if view < len(capture.cameras)]
         normals = (
-            context.privileged["oracle_normals"] if self.settings.normals == "oracle" else None
+            context.privileged[Privilege.ORACLE_NORMALS]
+            if self.settings.normals == "oracle"
+            else None
         )
         with context.stage("landmarks"):
             views = load_views(capture, wanted, self.settings.subject_px, normals)
@@ -206,7 +209,6 @@ def _info(name: str, title: str, views: tuple[int, ...], settings: FitSettings) 
     return MethodInfo(
         name=name,
         title=title,
-        version="4",
         views=views,
         parts=(
             body_part(settings.body, settings.smplx_model),
@@ -214,9 +216,9 @@ def _info(name: str, title: str, views: tuple[int, ...], settings: FitSettings) 
             *((NormalChoice("open").part,) if settings.wants_network else ()),
         ),
         privileges=(
-            "known_cameras",
-            "exact_masks",
-            *(("oracle_normals",) if settings.normals == "oracle" else ()),
+            Privilege.KNOWN_CAMERAS,
+            Privilege.EXACT_MASKS,
+            *((Privilege.ORACLE_NORMALS,) if settings.normals == "oracle" else ()),
         ),
         parameters={key: value for key, value in parameters.items() if key not in unused},
     )

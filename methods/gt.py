@@ -6,6 +6,7 @@ Its P2S distances and normal error must be 0, and its Chamfer distance the sampl
 from __future__ import annotations
 
 from harness.core.artifacts import Capture, Reconstruction
+from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 
 __all__ = ["GroundTruth", "gt"]
@@ -17,14 +18,13 @@ class GroundTruth:
     info = MethodInfo(
         name="gt",
         title="Ground truth",
-        version="1",
-        privileges=("ground_truth_mesh",),
+        privileges=(Privilege.GROUND_TRUTH_MESH,),
     )
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:  # noqa: ARG002
         """The scan's own mesh, lent by the pipeline under a declared privilege."""
         with context.stage("copy"):
-            return Reconstruction(mesh=context.privileged["ground_truth_mesh"])
+            return Reconstruction(mesh=context.privileged[Privilege.GROUND_TRUTH_MESH])
 
 
 gt = GroundTruth()

@@ -19,6 +19,7 @@ from harness.core.artifacts import Capture, Reconstruction
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
 from harness.geometry.images import load_mask
@@ -197,9 +198,8 @@ hull8 = VisualHull(
     MethodInfo(
         name="hull8",
         title="Visual hull, 8 views",
-        version="1",
         views=tuple(range(8)),
-        privileges=("known_cameras", "exact_masks"),
+        privileges=(Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS),
         parameters=asdict(HullSettings()),
     ),
     HullSettings(),

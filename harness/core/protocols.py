@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
 
 __all__ = [
     "BodyModel",
     "Context",
+    "Deviation",
     "Method",
     "MethodInfo",
     "NormalEstimator",
@@ -53,37 +55,70 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
+class Deviation:
+    """One difference between a published method and what runs here.
+
+    Attributes:
+        what: The setting or step. ``room.setting`` names a setting of ``MethodInfo.parameters``.
+        published: What the publication or its authors' code does.
+        here: What this method does.
+        why: The reason.
+    """
+
+    what: str
+    published: str
+    here: str
+    why: str
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain JSON values."""
+        return {
+            "what": self.what,
+            "published": self.published,
+            "here": self.here,
+            "why": self.why,
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class MethodInfo:
     """What a method says of itself before it runs.
 
     Attributes:
         name: The name on the command line.
         title: The name in tables.
-        version: Changes whenever the method's output may change; part of every record's key.
         views: Indices into the rig, or None for all views.
         parts: Ingredients with their licences.
-        privileges: What it is given beyond pixels and masks, such as ``known cameras``.
-        parameters: Every setting that influences the output.
+        privileges: What it is given beyond pixels.
+        parameters: Every setting that influences the output, nested by room such as ``body``.
+        deviations: Differences from the publication whose name the method carries; empty for a
+            method that claims no publication.
     """
 
     name: str
     title: str
-    version: str
     views: tuple[int, ...] | None = None
     parts: tuple[Part, ...] = ()
-    privileges: tuple[str, ...] = ()
+    privileges: tuple[Privilege, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict[str, object])
+    deviations: tuple[Deviation, ...] = ()
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
+    def identity(self) -> dict[str, object]:
+        """What of this decides the output: everything but words for readers."""
         return {
             "name": self.name,
-            "title": self.title,
-            "version": self.version,
             "views": None if self.views is None else list(self.views),
             "parts": [part.to_dict() for part in self.parts],
-            "privileges": list(self.privileges),
+            "privileges": [privilege.value for privilege in self.privileges],
             "parameters": dict(self.parameters),
+        }
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values, as records hold them."""
+        return {
+            **self.identity(),
+            "title": self.title,
+            "deviations": [deviation.to_dict() for deviation in self.deviations],
         }
 
 
@@ -95,7 +130,7 @@ class Context:
         seed: For this method and subject; equal inputs must give equal output.
         workdir: Folder for intermediate results.
         stage: ``with context.stage("carve"):`` times a stage and watches its memory.
-        privileged: What the method's declared privileges ask for, by privilege.
+        privileged: What the method's declared privileges ask for, by privilege's value.
         keep: Whether intermediate results are wanted; without it nothing need be written.
     """
 

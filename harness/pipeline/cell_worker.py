@@ -16,6 +16,7 @@ from harness.core.files import atomic_directory, atomic_path
 from harness.core.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
+from harness.core.privileges import Privilege
 from harness.core.protocols import Context, Method
 from harness.core.settings import MetricProtocol
 from harness.core.workers import Progress, worker_main
@@ -76,11 +77,13 @@ def _workdir(cell: Path, *, keep: bool) -> Iterator[Path]:
 def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, object]:
     """What the method's declared privileges entitle it to, and nothing else."""
     lent: dict[str, object] = {}
-    if "ground_truth_mesh" in method.info.privileges:
-        lent["ground_truth_mesh"] = truth.geometry()
-    if "oracle_normals" in method.info.privileges:
+    if Privilege.GROUND_TRUTH_MESH in method.info.privileges:
+        lent[Privilege.GROUND_TRUTH_MESH] = truth.geometry()
+    if Privilege.ORACLE_NORMALS in method.info.privileges:
         views = method.info.views or range(len(capture.cameras))
-        lent["oracle_normals"] = OracleNormals(truth, [capture.cameras[view] for view in views])
+        lent[Privilege.ORACLE_NORMALS] = OracleNormals(
+            truth, [capture.cameras[view] for view in views]
+        )
     return lent
 
 

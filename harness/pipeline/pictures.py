@@ -12,6 +12,7 @@ from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
+from harness.core.privileges import Privilege
 from harness.core.records import Record
 from harness.core.units import MM_PER_METRE
 from harness.pipeline.normal_pictures import normals
@@ -168,7 +169,7 @@ FIGURES = {
 def _is_rival(record: Record) -> bool:
     """Whether it has a mesh that was not handed the truth, which has its own place."""
     given: Sequence[str] = record.method["privileges"]  # type: ignore[assignment]
-    return record.status == "ok" and "ground_truth_mesh" not in given
+    return record.status == "ok" and Privilege.GROUND_TRUTH_MESH not in given
 
 
 def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dict[str, str]:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.hashing import content_hash, file_sha256
 from harness.core.mesh_files import MESH_SUFFIXES, load_mesh
+from harness.core.privileges import Privilege
+from harness.core.protocols import MethodInfo
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset, Manifest
@@ -124,15 +126,8 @@ def _mesh_of(folder: Path, subject: str) -> Path | None:
 
 def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Record:
     name, dataset, root, _ = request.dataset
-    method: dict[str, object] = {
-        "name": request.name,
-        "title": request.title,
-        "version": "external",
-        "views": None,
-        "parts": [],
-        "privileges": ["made_elsewhere"],
-        "parameters": {},
-    }
+    made_elsewhere = (Privilege.MADE_ELSEWHERE,)
+    method = MethodInfo(request.name, request.title, privileges=made_elsewhere).to_dict()
     metrics: Mapping[str, object] = {}
     details: dict[str, object] = {}
     identity: Mapping[str, object] = {}

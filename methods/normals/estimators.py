@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from harness.core.camera import Camera
 from harness.core.errors import HarnessError, MethodError
+from harness.core.privileges import Privilege
 from harness.core.protocols import NormalEstimator, Part
 from harness.core.settings import check_choice
 from methods.normals import installed
@@ -28,7 +29,7 @@ Floats = NDArray[np.float64]
 Oracle = Callable[..., Floats]
 
 _KINDS = ("body", "oracle", "open", "onnx")
-_PRIVILEGE = "oracle_normals"
+_PRIVILEGE = Privilege.ORACLE_NORMALS
 
 
 class BodyNormals:
@@ -95,7 +96,7 @@ class NormalChoice:
             )
 
     @property
-    def privileges(self) -> tuple[str, ...]:
+    def privileges(self) -> tuple[Privilege, ...]:
         """What the estimator is given beyond photos."""
         return (_PRIVILEGE,) if self.kind == "oracle" else ()
 

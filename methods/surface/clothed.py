@@ -250,7 +250,6 @@ def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> Me
         fit.info,
         name=names[0],
         title=names[1],
-        version="5",
         parts=(*fit.info.parts, choice.part),
         privileges=tuple(dict.fromkeys((*fit.info.privileges, *choice.privileges))),
         parameters={**fit.info.parameters, **own},

@@ -67,7 +67,7 @@ def test_info_is_complete(name):
     assert isinstance(method, Method)
     assert method.info.name == name
     assert method.info.title
-    assert method.info.version
+    assert all(privilege.sentence for privilege in method.info.privileges)
     assert all(part.licence for part in method.info.parts)
 
 

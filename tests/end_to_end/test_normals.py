@@ -15,11 +15,12 @@ import numpy as np
 
 from harness.core.artifacts import NormalMaps, Reconstruction
 from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 
 
 class Peeking:
-    info = MethodInfo("peeking", "Peeking", "1", (0, 4), (), ("oracle_normals",))
+    info = MethodInfo("peeking", "Peeking", (0, 4), (), (Privilege.ORACLE_NORMALS,))
 
     def reconstruct(self, capture, context):
         maps = []

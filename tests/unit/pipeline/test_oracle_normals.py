@@ -11,6 +11,7 @@ import pytest
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.rigs import RingRig
 from harness.pipeline.cell_worker import _privileged
@@ -63,7 +64,7 @@ def test_only_those_who_declare_it_get_it(cameras):
     capture = SimpleNamespace(cameras=cameras)
 
     def lent(*privileges: str, views: tuple[int, ...] | None = None):
-        info = MethodInfo("m", "M", "1", views=views, privileges=privileges)
+        info = MethodInfo("m", "M", views=views, privileges=tuple(map(Privilege, privileges)))
         return _privileged(Asking(info), capture, plate())  # type: ignore[arg-type]
 
     assert lent("known_cameras") == {}

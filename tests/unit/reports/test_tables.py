@@ -138,7 +138,7 @@ def test_the_same_protocol_in_another_version_is_another_protocol():
         geometry_table([hull, newer])
 
 
-@pytest.mark.parametrize("field", ["version", "parts", "privileges", "parameters"])
+@pytest.mark.parametrize("field", ["views", "parts", "privileges", "parameters"])
 def test_two_states_of_a_method_are_not_averaged(field):
     first, second = of_method("hull8")[:2]
     other = replace(second, method={**second.method, field: ["something else"]})
@@ -148,7 +148,7 @@ def test_two_states_of_a_method_are_not_averaged(field):
 
 def test_a_failed_record_of_an_older_state_does_not_stop_the_table():
     first, second = of_method("hull8")[:2]
-    older = {**second.method, "version": "0"}
+    older = {**second.method, "parameters": {"voxel_m": 0.1}}
     failed = replace(second, method=older, status="failed", reason="no disk", metrics={})
     assert geometry_table([first, failed]).rows[0].n == 1
 

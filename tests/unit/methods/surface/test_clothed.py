@@ -12,6 +12,7 @@ from harness.core.artifacts import Body, Capture, Reconstruction, image_name
 from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
+from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.rigs import RingRig
 from harness.geometry.images import load_rgb, save_png
@@ -55,7 +56,7 @@ def capture(tmp_path_factory) -> Capture:
 class KnownBody:
     """Stands where a fit would: the figure without its clothes."""
 
-    info = MethodInfo("known", "Known body", "1", privileges=("known_cameras",))
+    info = MethodInfo("known", "Known body", privileges=(Privilege.KNOWN_CAMERAS,))
 
     def __init__(self, settings: object = None) -> None:
         self.settings = settings

@@ -1,0 +1,58 @@
+"""What a method may be given beyond pixels, each with one sentence that tables print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import StrEnum
+
+__all__ = ["Privilege"]
+
+
+class Privilege(StrEnum):
+    """Something that a method is given, or knows, beyond the pixels of its photos.
+
+    The value is what records hold.
+    """
+
+    KNOWN_CAMERAS = "known_cameras"
+    EXACT_MASKS = "exact_masks"
+    SUBJECT_CENTRE = "subject_centre"
+    GENERATOR_PRIOR = "generator_prior"
+    ORACLE_NORMALS = "oracle_normals"
+    GROUND_TRUTH_MESH = "ground_truth_mesh"
+    MADE_ELSEWHERE = "made_elsewhere"
+
+    @property
+    def label(self) -> str:
+        """A few words for a table's footnote."""
+        return self.value.replace("_", " ")
+
+    @property
+    def sentence(self) -> str:
+        """One sentence that says what is given."""
+        return _SENTENCES[self]
+
+    @classmethod
+    def known_among(cls, values: Iterable[str]) -> tuple[Privilege, ...]:
+        """The privileges behind a record's strings; what a newer version added is left out."""
+        known = {member.value for member in cls}
+        return tuple(cls(value) for value in values if value in known)
+
+
+_SENTENCES = {
+    Privilege.KNOWN_CAMERAS: "The exact intrinsics and poses of the cameras are given.",
+    Privilege.EXACT_MASKS: "The renderer's own coverage masks are given, not estimated ones.",
+    Privilege.SUBJECT_CENTRE: (
+        "The distance of the middle of the scan's bounding box is given, which fixes the depth "
+        "and the size that a single view cannot tell."
+    ),
+    Privilege.GENERATOR_PRIOR: (
+        "The body model is of the family that generated the avatars, and landmark offsets, default "
+        "settings or networks were learned on training avatars; this helps on generated subjects."
+    ),
+    Privilege.ORACLE_NORMALS: "The scan's own normals are rendered into the method's views.",
+    Privilege.GROUND_TRUTH_MESH: "The scan itself is given.",
+    Privilege.MADE_ELSEWHERE: (
+        "The meshes were made outside the harness; what they were given is unknown."
+    ),
+}
