@@ -1,7 +1,7 @@
 """``body-front``, ``body-average``, ``jmbo8``: a body fitted to one view, averaged, or jointly.
 
-The rows of the paper's first table. Their mesh is the body's own surface, so that they are also
-scored as geometry: the floor that clothes have to beat.
+The rows of the paper's first table, and ours, ``jmbo8+``. Their mesh is the body's own surface, so
+that they are also scored as geometry: the floor that clothes have to beat.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,12 +17,14 @@ import numpy as np
 from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import check_choice, overridden
+from harness.core.protocols import Context, MethodInfo, Part
+from harness.core.settings import by_room, overridden
 from methods.body import detection
-from methods.body.jmbo import Weights
-from methods.estimated_normals import with_estimated_normals
+from methods.deviations import BODY_AVERAGE, BODY_FRONT, JMBO_WITHOUT_HEAD, PUBLISHED_JMBO
+from methods.estimated_normals import EstimatedNormals
+from methods.fit_settings import JMBO, JMBO_PLUS, FitSettings
 from methods.normals import NormalChoice
+from methods.published import Published
 
 if TYPE_CHECKING:
     from methods.body.model import Parameters, ParametricBody, Posed
@@ -30,69 +32,63 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BodyFit",
-    "FitSettings",
+    "FittedBody",
     "body_average",
     "body_front",
     "body_model",
     "jmbo8",
     "jmbo8_no_head",
-    "jmbo8_paper",
+    "jmbo8_plus",
 ]
 
-_STAGES = ("front", "average", "landmarks", "jmbo")
+#: A hand is there when it was found in at least this share of a photo's readings.
+_HAND_FOUND = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class FitSettings(Weights):
-    """Settings of a body fit; those of ``Weights`` and these.
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedBody:
+    """A body fitted to some views of a capture.
 
     Attributes:
-        body: ``anny`` or ``smplx``.
-        smplx_model: The user's own SMPL-X model file, for ``smplx``.
-        stage: How far the fit goes: ``front``, ``average``, ``landmarks`` or ``jmbo``.
-        start: What JMBO starts from: ``average`` (the paper) or ``landmarks``, one body fitted to
-            the landmarks of all views, which also finds views with left and right exchanged.
-        normals: What the normal term compares the body with: ``off``; ``open``, the network that is
-            shipped; or ``oracle``, rendered from the scan, a privilege.
-        subject_px: Longer side of the subject in the pictures that the fit works on.
+        body: World metres.
+        views_used: Indices of the views that it was fitted to.
+        hands_found: Whether the detector found the left and the right hand in the first of them.
+        details: What a reader of the record should know.
     """
 
-    body: str = "anny"
-    smplx_model: str = ""
-    stage: str = "jmbo"
-    start: str = "landmarks"
-    normals: str = "off"
-    subject_px: int = 256
+    body: Body
+    views_used: tuple[int, ...]
+    hands_found: tuple[bool, bool]
+    details: Mapping[str, object]
 
     @property
-    def wants_network(self) -> bool:
-        """Whether a normal network is run."""
-        return self.normals == "open" and self.stage == "jmbo" and self.normal > 0
-
-
-#: The paper's equation as it is printed, from the average of the single views.
-PAPER = FitSettings(start="average", normals="open")
-#: Better on clothed people: starts from all landmarks, clothes may stand off, a weak prior. Chosen
-#: on training avatars, where the optimum is flat: half or twice a value costs at most 0.6 mm.
-DEFAULT = FitSettings(
-    start="landmarks",
-    uncovered=0.1,
-    standoff_m=0.01,
-    landmark=0.2,
-    prior=2e-4,
-    iterations=60,
-    schedule="ramp",
-)
+    def skin(self) -> Mesh:
+        """The body's surface, world metres."""
+        return Mesh(self.body.vertices, self.body.faces, source="fitted body")
 
 
 class BodyFit:
-    """Fits a parametric body to some views of a capture."""
+    """Fits a parametric body to some views of a capture.
+
+    Args:
+        name: The name on the command line.
+        title: The name in tables.
+        views: Indices into the rig.
+        settings: How the body is fitted.
+        published: The publication whose name the method carries, if any.
+    """
 
     def __init__(
-        self, name: str, title: str, views: tuple[int, ...], settings: FitSettings
+        self,
+        name: str,
+        title: str,
+        views: tuple[int, ...],
+        settings: FitSettings,
+        published: Published | None = None,
     ) -> None:
         self.settings = settings
-        self._name, self._title, self._views = name, title, views
+        self.views = views
+        self._name, self._title, self._published = name, title, published
 
     @functools.cached_property
     def info(self) -> MethodInfo:
@@ -101,20 +97,25 @@ class BodyFit:
         Raises:
             MissingPart, DataError: as ``NormalChoice.part``, if the fit wants a network.
         """
-        return _info(self._name, self._title, self._views, self.settings)
+        parameters = {"body": self.settings.in_use(len(self.views))}
+        return MethodInfo(
+            name=self._name,
+            title=self._title,
+            views=self.views,
+            parts=_parts(self.settings),
+            privileges=self._privileges(),
+            parameters=parameters,
+            deviations=self._published.deviations(parameters) if self._published else (),
+        )
 
     def configured(self, parameters: Mapping[str, str]) -> BodyFit:
-        """The method with other settings, given as text by field name."""
-        settings = overridden(self.settings, parameters)
-        for field, known in (
-            ("body", ("anny", "smplx")),
-            ("stage", _STAGES),
-            ("start", ("average", "landmarks")),
-            ("normals", ("off", "open", "oracle")),
-            ("schedule", ("plateau", "ramp")),
-        ):
-            check_choice(field, getattr(settings, field), known)
-        return BodyFit(self._name, self._title, self._views, settings)
+        """The method with other settings, given as text by ``body.setting``."""
+        own = by_room(parameters, {"body": [field.name for field in fields(FitSettings)]})
+        return self.with_settings(overridden(self.settings, own["body"]))
+
+    def with_settings(self, settings: FitSettings) -> BodyFit:
+        """The method with other settings."""
+        return BodyFit(self._name, self._title, self.views, settings, self._published)
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The fitted body and its surface, world metres.
@@ -123,21 +124,31 @@ class BodyFit:
             MethodError: no view shows a person.
             MissingPart: the body model or MediaPipe is not installed.
         """
+        fitted = self.fitted(capture, context)
+        return Reconstruction(mesh=fitted.skin, body=fitted.body, details=fitted.details)
+
+    def fitted(self, capture: Capture, context: Context) -> FittedBody:
+        """The fitted body; arguments and errors are those of ``reconstruct``."""
         from methods.body.views import load_views
 
-        wanted = [view for view in self._views if view < len(capture.cameras)]
-        normals = (
-            context.privileged[Privilege.ORACLE_NORMALS]
-            if self.settings.normals == "oracle"
-            else None
-        )
+        wanted = [view for view in self.views if view < len(capture.cameras)]
+        lent = context.privileged
+        uses_oracle = self.settings.compares_normals and self.settings.normals == "oracle"
+        normals = lent[Privilege.ORACLE_NORMALS] if uses_oracle else None
+        centre = lent[Privilege.SUBJECT_CENTRE] if self._is_given_centre() else None
         with context.stage("landmarks"):
-            views = load_views(capture, wanted, self.settings.subject_px, normals)
+            views = load_views(capture, wanted, self.settings.subject_px, normals, centre)
         with context.stage("body model"):
             body = body_model(self.settings)
         with _one_thread():
             parameters, details = self.fit(body, views, capture, context)
-        return _reconstruction(body, parameters, {**_said(views), **details})
+        left, right = views.detections.hands[0] >= _HAND_FOUND
+        return FittedBody(
+            body=_exported(body, parameters),
+            views_used=views.indices,
+            hands_found=(bool(left), bool(right)),
+            details={**_view_details(views), **details},
+        )
 
     def fit(
         self, body: ParametricBody, views: Views, capture: Capture, context: Context
@@ -150,101 +161,123 @@ class BodyFit:
             capture: The photos.
             context: As in ``reconstruct``.
         """
-        from methods.body.jmbo import optimise
-        from methods.body.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
+        from methods.body.landmark_fit import average, fit_each_view
 
-        settings, details = self.settings, dict[str, object]()
-        detections, sparse = views.detections, body.sparse()
         with context.stage("single views"):
-            singles = fit_each_view(sparse, views.views, detections)
+            singles = fit_each_view(body.sparse(), views.views, views.detections)
             parameters = average(singles)
-        if settings.stage in ("front", "average"):
-            return parameters, details
-        if settings.stage == "landmarks" or settings.start == "landmarks":
+        if self.settings.stage in ("front", "average"):
+            return parameters, {}
+        details = dict[str, object]()
+        if "landmarks" in (self.settings.stage, self.settings.start):
             with context.stage("joint landmarks"):
-                parameters = fit_jointly(sparse, views.views, detections, parameters)
-                swapped = swapped_views(sparse, views.views, detections, parameters)
-                if swapped.any():
-                    detections = detections.mirrored(swapped)
-                    parameters = fit_jointly(sparse, views.views, detections, parameters)
-            details["swapped_views"] = [
-                index
-                for index, is_swapped in zip(views.indices, swapped, strict=True)
-                if is_swapped
-            ]
-        if settings.stage == "landmarks":
+                views, parameters, details = _joint_landmarks(body, views, parameters)
+        if self.settings.stage == "landmarks":
             return parameters, details
-        views = replace(views, detections=detections)
-        if settings.wants_network:
+        optimised, told = self._jmbo(body, views, parameters, capture, context)
+        return optimised, {**details, "jmbo": told}
+
+    def _jmbo(
+        self,
+        body: ParametricBody,
+        views: Views,
+        start: Parameters,
+        capture: Capture,
+        context: Context,
+    ) -> tuple[dict[str, Any], dict[str, object]]:
+        from methods.body.jmbo import optimise
+
+        normals_of = None
+        if self.settings.wants_network:
             with context.stage("normals"):
-                skin = _skin(body, _posed(body, parameters))
-                views = with_estimated_normals(capture, views, skin, NormalChoice("open"))
+                normals_of = EstimatedNormals(capture, views, body.faces, NormalChoice("open"))
+                first = normals_of(_posed(body, start).vertices[0].double().numpy())
+                seen = zip(views.views, first, strict=True)
+                views = replace(
+                    views, views=tuple(replace(view, normals_camera=map_) for view, map_ in seen)
+                )
         with context.stage("jmbo"):
-            fit = optimise(body, views, parameters, settings, context.seed)
-        details["jmbo"] = {
+            fit = optimise(body, views, start, self.settings, context.seed, normals_of)
+        return fit.parameters, {
             "iterations": len(fit.costs),
             "ended": fit.ended,
             "cost": [fit.costs[0], min(fit.costs)] if fit.costs else [],
             "terms": {name: list(pair) for name, pair in fit.terms.items()},
         }
-        return fit.parameters, details
+
+    def _is_given_centre(self) -> bool:
+        return len(self.views) == 1 and self.settings.depth == "subject-centre"
+
+    def _privileges(self) -> tuple[Privilege, ...]:
+        uses_oracle = self.settings.compares_normals and self.settings.normals == "oracle"
+        return (
+            Privilege.KNOWN_CAMERAS,
+            Privilege.EXACT_MASKS,
+            *((Privilege.GENERATOR_PRIOR,) if self.settings.model == "anny" else ()),
+            *((Privilege.SUBJECT_CENTRE,) if self._is_given_centre() else ()),
+            *((Privilege.ORACLE_NORMALS,) if uses_oracle else ()),
+        )
 
 
 def body_model(settings: FitSettings) -> ParametricBody:
     """The body that some settings name, loaded."""
-    if settings.body == "smplx":
+    if settings.model == "smplx":
         from methods.body.smplx_body import SmplxBody
 
-        return SmplxBody(settings.smplx_model)
+        return SmplxBody(settings.model_file)
     from methods.body.anny_body import AnnyBody
 
     return AnnyBody()
 
 
-def _info(name: str, title: str, views: tuple[int, ...], settings: FitSettings) -> MethodInfo:
+def _parts(settings: FitSettings) -> tuple[Part, ...]:
     from methods.body.parts import body_part
 
-    parameters = {**asdict(settings), "smplx_model": bool(settings.smplx_model)}
-    unused = {} if settings.stage == "jmbo" else {field.name for field in fields(Weights)}
-    return MethodInfo(
-        name=name,
-        title=title,
-        views=views,
-        parts=(
-            body_part(settings.body, settings.smplx_model),
-            detection.part(),
-            *((NormalChoice("open").part,) if settings.wants_network else ()),
-        ),
-        privileges=(
-            Privilege.KNOWN_CAMERAS,
-            Privilege.EXACT_MASKS,
-            *((Privilege.ORACLE_NORMALS,) if settings.normals == "oracle" else ()),
-        ),
-        parameters={key: value for key, value in parameters.items() if key not in unused},
+    return (
+        body_part(settings.model, settings.model_file),
+        detection.part(),
+        *((NormalChoice("open").part,) if settings.wants_network else ()),
     )
 
 
-def _said(views: Views) -> dict[str, object]:
+def _joint_landmarks(
+    body: ParametricBody, views: Views, start: Parameters
+) -> tuple[Views, dict[str, Any], dict[str, object]]:
+    """The views with left and right put right, the body that their landmarks agree on, details."""
+    from methods.body.landmark_fit import fit_jointly, swapped_views
+
+    sparse = body.sparse()
+    parameters = fit_jointly(sparse, views.views, views.detections, start)
+    swapped = swapped_views(sparse, views.views, views.detections, parameters)
+    if swapped.any():
+        views = replace(views, detections=views.detections.mirrored(swapped))
+        parameters = fit_jointly(sparse, views.views, views.detections, parameters)
+    told = [index for index, is_swapped in zip(views.indices, swapped, strict=True) if is_swapped]
+    return views, parameters, {"swapped_views": told}
+
+
+def _view_details(views: Views) -> dict[str, object]:
     """What a reader of the record should know of the views."""
-    said: dict[str, object] = {"views_used": list(views.indices)}
+    details: dict[str, object] = {"views_used": list(views.indices)}
     if views.left_out:
-        said["views_left_out"] = {str(index): why for index, why in views.left_out.items()}
+        details["views_left_out"] = {str(index): why for index, why in views.left_out.items()}
     if len(views.views) == 1:
-        said["depth"] = "one view cannot tell size from distance: its box is at the rig's centre"
-    return said
+        details["depth"] = (
+            "held at the subject's given centre"
+            if views.views[0].place.depth_is_known
+            else "one view cannot tell size from distance: the body model's height prior decides"
+        )
+    return details
 
 
-def _reconstruction(
-    body: ParametricBody, parameters: dict[str, Any], details: dict[str, object]
-) -> Reconstruction:
+def _exported(body: ParametricBody, parameters: dict[str, Any]) -> Body:
     from methods.body.model import MAIN_JOINTS
 
     posed = _posed(body, parameters)
-    mesh = _skin(body, posed)
     points = body.landmark_points(posed)
-    fitted = Body(
+    return Body(
         model=body.name,
-        vertices=mesh.vertices,
+        vertices=posed.vertices[0].double().numpy(),
         joints=posed.joints[0].double().numpy(),
         faces=body.faces,
         parameters={
@@ -255,7 +288,6 @@ def _reconstruction(
             "landmark_points": points[0].double().numpy(),
         },
     )
-    return Reconstruction(mesh=mesh, body=fitted, details=details)
 
 
 def _posed(body: ParametricBody, parameters: Parameters) -> Posed:
@@ -263,11 +295,6 @@ def _posed(body: ParametricBody, parameters: Parameters) -> Posed:
 
     with torch.no_grad():
         return body.posed(parameters)
-
-
-def _skin(body: ParametricBody, posed: Posed) -> Mesh:
-    """The surface of the one body that was fitted, world metres."""
-    return Mesh(posed.vertices[0].double().numpy(), body.faces, source="fitted body")
 
 
 @contextlib.contextmanager
@@ -284,10 +311,14 @@ def _one_thread() -> Iterator[None]:
 
 
 _ALL = tuple(range(8))
-body_front = BodyFit("body-front", "Body, front view", (0,), replace(DEFAULT, stage="front"))
-body_average = BodyFit(
-    "body-average", "Body, average of views", _ALL, replace(DEFAULT, stage="average")
+body_front = BodyFit(
+    "body-front", "Body, front view", (0,), replace(JMBO, stage="front"), BODY_FRONT
 )
-jmbo8_paper = BodyFit("jmbo8-paper", "JMBO as printed, 8 views", _ALL, PAPER)
-jmbo8_no_head = BodyFit("jmbo8-no-head", "JMBO without head term", _ALL, replace(DEFAULT, head=0.0))
-jmbo8 = BodyFit("jmbo8", "JMBO, 8 views", _ALL, DEFAULT)
+body_average = BodyFit(
+    "body-average", "Body, average of views", _ALL, replace(JMBO, stage="average"), BODY_AVERAGE
+)
+jmbo8 = BodyFit("jmbo8", "JMBO, 8 views", _ALL, JMBO, PUBLISHED_JMBO)
+jmbo8_no_head = BodyFit(
+    "jmbo8-no-head", "JMBO without head term", _ALL, replace(JMBO, head=0.0), JMBO_WITHOUT_HEAD
+)
+jmbo8_plus = BodyFit("jmbo8+", "JMBO+, 8 views", _ALL, JMBO_PLUS)

@@ -1,18 +1,18 @@
 """``econ``: one photo to a clothed mesh, both sides from the front view.
 
 Xiu, Yang, Cao, Tzionas, Black, "ECON: Explicit Clothed humans Optimized via Normal integration",
-CVPR 2023, with the body-based completion (ECON_EX). Deviations: the camera is the known, full
-perspective one instead of an orthographic crop; the body is fitted as everywhere here; the body is
-completed by offsets along its normals (``methods/surface/completion.py``).
+CVPR 2023, with the body-based completion (ECON_EX). ``harness methods show econ`` lists every
+difference from it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from harness.core.mesh import Mesh
-from methods.body_fit import DEFAULT, BodyFit
+from methods.body_fit import BodyFit
+from methods.deviations import ECON
+from methods.fit_settings import ECON_FIT
 from methods.normals import ViewMaps
 from methods.surface import FrontBackDepth, front_back_sheets
 from methods.surface.clothed import ClothedMethod, ClothedSettings, SheetPlan
@@ -30,7 +30,8 @@ def _two_sides(views: Sequence[tuple[ViewMaps, FrontBackDepth]]) -> list[Mesh]:
 
 econ = ClothedMethod(
     names=("econ", "ECON"),
-    fit=BodyFit("econ-body", "Body, front view", (_FRONT,), replace(DEFAULT, stage="jmbo")),
+    fit=BodyFit("econ-body", "Body, front view", (_FRONT,), ECON_FIT),
     plan=SheetPlan((_FRONT,), _two_sides),
-    settings=ClothedSettings(hands="body"),
+    settings=ClothedSettings(hands="detected"),
+    published=ECON,
 )

@@ -1,13 +1,10 @@
 """Clothed normals for the body fit's normal term, from the network that also makes the sheets.
 
-The network wants to know the body, and the body is what is sought: so the normals are estimated
-once, with the body that the fit starts from, and stay. Source: MExECON, equation of the normal
-loss, whose normals are those of ECON's front network in every view.
+The network wants to know the body, and the body is what is sought. Source: MExECON, equation of the
+normal loss, whose normals are those of ECON's front network in every view.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +17,10 @@ from harness.geometry.sides import SidedRaycaster
 from methods.body.views import Views
 from methods.normals import NormalChoice, view_maps, working_view
 
-__all__ = ["with_estimated_normals"]
+__all__ = ["EstimatedNormals"]
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
 
 #: Side of the square that the network looks at, pixels.
 _RESOLUTION = 512
@@ -30,29 +28,38 @@ _RESOLUTION = 512
 _SHORTEST = 0.5
 
 
-def with_estimated_normals(
-    capture: Capture, views: Views, body: Mesh, choice: NormalChoice
-) -> Views:
-    """The same views, each with the clothed normals that it shows.
+class EstimatedNormals:
+    """The clothed normals of some views, estimated anew for each body that is handed in.
 
     Args:
         capture: The photos.
         views: The fit's own pictures of them.
-        body: What the estimator is told of the person, world metres.
-        choice: Of the estimator.
+        faces: (F, 3) the body's.
+        choice: Which estimator runs.
 
     Raises:
-        MethodError: the body is not where a view shows the subject.
         MissingPart, DataError: as ``NormalChoice.estimator``.
     """
-    caster = SidedRaycaster(body)
-    seen = []
-    for view in views.views:
-        window = working_view(capture, view.index, _RESOLUTION)
-        maps = view_maps(window, caster, choice.estimator(window.camera, {}))
-        normals = _seen_by(view.camera, window.camera, maps.front)
-        seen.append(replace(view, normals_camera=normals))
-    return replace(views, views=tuple(seen))
+
+    def __init__(self, capture: Capture, views: Views, faces: Ints, choice: NormalChoice) -> None:
+        self._faces = faces
+        self._cameras = [view.camera for view in views.views]
+        self._windows = [working_view(capture, view.index, _RESOLUTION) for view in views.views]
+        self._estimators = [choice.estimator(window.camera, {}) for window in self._windows]
+
+    def __call__(self, vertices: Floats) -> list[Floats]:
+        """Per view (H, W, 3) unit normals in the map frame, for a body (V, 3), world metres.
+
+        Raises:
+            MethodError: the body is not where a view shows the subject.
+        """
+        caster = SidedRaycaster(Mesh(vertices, self._faces, source="fitted body"))
+        return [
+            _seen_by(camera, window.camera, view_maps(window, caster, estimator).front)
+            for camera, window, estimator in zip(
+                self._cameras, self._windows, self._estimators, strict=True
+            )
+        ]
 
 
 def _seen_by(camera: Camera, window: Camera, normals: Floats) -> Floats:

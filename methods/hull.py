@@ -23,11 +23,15 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
 from harness.geometry.images import load_mask
+from harness.geometry.place import Place, place_of
 
 __all__ = ["HullSettings", "VisualHull", "hull8"]
 
 Floats = NDArray[np.float64]
 Field = NDArray[np.float32]
+
+#: Views all round see a subject nearly as wide as it is; a few may look along it.
+_WIDEST = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +42,13 @@ class HullSettings:
         voxel_m: Edge of a voxel, metres.
         block: Voxels along the edge of a coarse block; blocks far from every outline are not
             subdivided.
-        half_width_m: Half the width and depth of the volume searched, metres.
-        half_height_m: Half its height, metres.
+        margin_m: Free space around what the silhouettes span in the volume searched, metres.
         minimum_component: Pieces of less than this share of all faces are dropped.
     """
 
     voxel_m: float = 0.004
     block: int = 8
-    half_width_m: float = 0.7
-    half_height_m: float = 1.15
+    margin_m: float = 0.1
     minimum_component: float = 0.01
 
 
@@ -70,15 +72,18 @@ class VisualHull:
         """
         views = self.info.views or range(len(capture.cameras))
         with context.stage("outlines"):
+            cameras = [capture.cameras[view] for view in views]
+            coverages = [
+                load_mask(capture.image_path(view), camera.size)
+                for view, camera in zip(views, cameras, strict=True)
+            ]
+            place = place_of(cameras, [coverage > 0.5 for coverage in coverages])
             outlines = [
-                _Outline(
-                    capture.cameras[view],
-                    load_mask(capture.image_path(view), capture.cameras[view].size),
-                )
-                for view in views
+                _Outline(camera, coverage)
+                for camera, coverage in zip(cameras, coverages, strict=True)
             ]
         with context.stage("carve"):
-            origin, field = _carve(outlines, self.settings)
+            origin, field = _carve(outlines, place, self.settings)
         with context.stage("contour"):
             mesh = _contour(origin, field, self.settings)
         return Reconstruction(mesh=mesh, details={"voxels": int(field.size)})
@@ -91,8 +96,6 @@ class _Outline:
         from scipy.ndimage import distance_transform_edt
 
         inside = coverage > 0.5
-        if not inside.any():
-            raise MethodError("a view shows no subject", expected="a mask that is not empty")
         # Beyond the frame the mask is continued, so that a subject that is cut is not carved there.
         padded = np.pad(inside, 1, mode="edge")
         to_outside = distance_transform_edt(padded)[1:-1, 1:-1]
@@ -133,12 +136,13 @@ def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -
     return distance
 
 
-def _carve(outlines: list[_Outline], settings: HullSettings) -> tuple[Floats, Field]:
+def _carve(outlines: list[_Outline], place: Place, settings: HullSettings) -> tuple[Floats, Field]:
     """The field on fine voxels of the blocks that the surface may cross, and its first point."""
     edge = settings.voxel_m * settings.block
-    half = np.array([settings.half_width_m, settings.half_height_m, settings.half_width_m])
+    half = _half_extent(place, settings.margin_m)
+    corner = place.centre - half
     counts = tuple(int(n) for n in np.ceil(2 * half / edge))
-    centres = _lattice(-half + edge / 2, counts, edge)
+    centres = _lattice(corner + edge / 2, counts, edge)
     # The distance to a cone changes by at most about the distance moved: half a block's diagonal
     # away, its sign cannot change. The factor covers the change of depth and the pixel grid.
     reach = 1.2 * edge * np.sqrt(3) / 2 + settings.voxel_m
@@ -155,13 +159,19 @@ def _carve(outlines: list[_Outline], settings: HullSettings) -> tuple[Floats, Fi
     field = np.repeat(
         np.repeat(np.repeat(window, settings.block, 0), settings.block, 1), settings.block, 2
     )
-    origin = -half + low * edge + settings.voxel_m / 2
+    origin = corner + low * edge + settings.voxel_m / 2
     offsets = _lattice(np.zeros(3), (settings.block,) * 3, 1.0).astype(np.int64)
     for chunk in np.array_split(active - low, max(1, len(active) // 2000)):
         index = (chunk[:, None, :] * settings.block + offsets[None]).reshape(-1, 3)
         points = origin + settings.voxel_m * index
         field[tuple(index.T)] = _hull_distance(outlines, points, 2 * settings.voxel_m)
     return origin, field
+
+
+def _half_extent(place: Place, margin_m: float) -> Floats:
+    """(3,) half the edges of the volume searched, metres."""
+    across = _WIDEST * place.half_width_m + margin_m
+    return np.array([across, place.half_height_m + margin_m, across])
 
 
 def _contour(origin: Floats, field: Field, settings: HullSettings) -> Mesh:

@@ -8,7 +8,31 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import hypothesis
+import numpy as np
+import pytest
 
 # Derandomised, so that a build that was green stays green until the code changes.
 hypothesis.settings.register_profile("house", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("house")
+
+
+@pytest.fixture(scope="session")
+def photograph():
+    """``photograph(mesh, camera, colours)``: a figure in soft light from the upper left, RGBA."""
+
+    def photo(mesh, camera, colours):
+        from harness.geometry.raycast import Raycaster
+
+        caster = Raycaster(mesh)
+        fine = camera.resized(2 * camera.width, 2 * camera.height)
+        hits = caster.cast(fine)
+        normals = caster.normals_at(hits, fine, "camera")
+        light = 0.5 + 0.5 * np.clip(normals @ np.array([-0.4, 0.5, 0.76]), 0, 1)
+        colour = hits.interpolate(colours, mesh.faces) * light[..., None]
+        image = np.dstack([colour, hits.mask])
+        small = image.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))
+        alpha = small[..., 3:]
+        small[..., :3] /= np.where(alpha > 0, alpha, 1)
+        return np.round(255 * small).astype(np.uint8)
+
+    return photo

@@ -14,11 +14,12 @@ from harness.cli.options import (
     ManifestPath,
     Protocol,
     Recipe,
+    Set,
     Subjects,
     WorkspacePath,
+    parsed_settings,
     split_names,
 )  # fmt: skip
-from harness.core.errors import HarnessError
 
 if TYPE_CHECKING:
     from harness.pipeline.plan import EvalRequest
@@ -33,9 +34,7 @@ def evaluate(
     recipe: Recipe = "paper8",
     protocol: Protocol = "mexecon",
     run: Annotated[str, typer.Option("--run", help="Run folder.")] = "main",
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="A method's setting, NAME=VALUE.")
-    ] = None,
+    settings: Set = None,
     seed: Annotated[int, typer.Option("--seed", help="Root of all randomness.")] = 0,
     jobs: Jobs = 1,
     keep: Annotated[
@@ -66,25 +65,13 @@ def evaluate(
         store=RunStore(place.run(run)),
         seed=seed,
         jobs=jobs,
-        settings=_settings(settings or []),
+        settings=parsed_settings(settings),
         keep=keep,
     )
     if dry_run:
         _show_plan(request, as_json=as_json)
     else:
         _run(request, as_json=as_json)
-
-
-def _settings(texts: list[str]) -> dict[str, str]:
-    pairs = {}
-    for text in texts:
-        name, separator, value = text.partition("=")
-        if not separator:
-            raise HarnessError(
-                f"--set {text}", expected="NAME=VALUE", hint="Like --set voxel_m=0.005"
-            )
-        pairs[name.strip()] = value.strip()
-    return pairs
 
 
 def _show_plan(request: EvalRequest, *, as_json: bool) -> None:

@@ -16,6 +16,7 @@ from harness.cli import (
     data,
     doctor,
     evaluate,
+    methods,
     quickstart,
     render,
     report,
@@ -44,6 +45,7 @@ app.command("eval")(evaluate.evaluate)
 app.command("score")(score.score)
 app.command("report")(report.report)
 app.command("check")(check.check)
+app.add_typer(methods.app, name="methods")
 app.add_typer(train.app, name="train")
 app.add_typer(weights.app, name="weights")
 

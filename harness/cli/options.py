@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from harness.core.errors import HarnessError
+
 __all__ = [
     "Dataset",
     "Jobs",
@@ -15,8 +17,10 @@ __all__ = [
     "Protocol",
     "Recipe",
     "Run",
+    "Set",
     "Subjects",
     "WorkspacePath",
+    "parsed_settings",
     "split_names",
 ]
 
@@ -38,6 +42,31 @@ Protocol = Annotated[str, typer.Option("--protocol", help="Metric protocol of th
 Run = Annotated[str | None, typer.Option("--run", help="Run folder. Default: the last one.")]
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Subjects worked on at once.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+
+
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", help="A method's setting, NAME=VALUE; 'harness methods show' lists them."
+    ),
+]
+
+
+def parsed_settings(texts: list[str] | None) -> dict[str, str]:
+    """What ``--set`` was given, by name.
+
+    Raises:
+        HarnessError: a text without an equals sign.
+    """
+    pairs = {}
+    for text in texts or []:
+        name, separator, value = text.partition("=")
+        if not separator:
+            raise HarnessError(
+                f"--set {text}", expected="NAME=VALUE", hint="Like --set voxel_m=0.005"
+            )
+        pairs[name.strip()] = value.strip()
+    return pairs
 
 
 def split_names(text: str) -> tuple[str, ...]:

@@ -64,7 +64,8 @@ def import_network(
         print(json.dumps(network.to_dict(), indent=2))
         return
     print(f"{network.name}: {network.licence}, sha256 {network.sha256[:12]}, at {network.path}")
-    chosen = "normals=open" if ship else f"normals=onnx --set normals_model={network.name}"
+    onnx = f"surface.normals=onnx --set surface.normals_model={network.name}"
+    chosen = "surface.normals=open" if ship else onnx
     print(f"Next: harness eval --method econ --set {chosen}")
 
 

@@ -6,7 +6,7 @@ Both are read from ``data_manifest.yaml`` and hashed into every record.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
@@ -18,7 +18,7 @@ from harness.core.rigs import RingRig
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["MetricProtocol", "RenderRecipe", "check_choice", "overridden"]
+__all__ = ["MetricProtocol", "RenderRecipe", "by_room", "check_choice", "overridden"]
 
 Settings = TypeVar("Settings", bound="DataclassInstance")
 
@@ -41,6 +41,31 @@ def overridden(settings: Settings, texts: Mapping[str, str]) -> Settings:
                 f"setting '{name}' cannot be '{text}'", expected=f"like {current[name]}"
             ) from error
     return replace(settings, **values)
+
+
+def by_room(
+    texts: Mapping[str, str], rooms: Mapping[str, Iterable[str]]
+) -> dict[str, dict[str, str]]:
+    """What a user typed for each room's settings, without the room's name.
+
+    Args:
+        texts: Values by ``room.setting``.
+        rooms: The names of each room's settings.
+
+    Raises:
+        HarnessError: a name that is not a room's setting, with the nearest one as a hint.
+    """
+    known = [f"{room}.{name}" for room, names in rooms.items() for name in names]
+    found: dict[str, dict[str, str]] = {room: {} for room in rooms}
+    for path, text in texts.items():
+        if path not in known:
+            ends_so = [name for name in known if name.endswith(f".{path}")]
+            raise HarnessError(
+                f"unknown setting '{path}'", hint=did_you_mean(path, ends_so or known)
+            )
+        room, _, name = path.partition(".")
+        found[room][name] = text
+    return found
 
 
 def check_choice(name: str, value: str, known: Sequence[str]) -> None:

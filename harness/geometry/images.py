@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -31,6 +32,8 @@ __all__ = [
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
+#: Photos of one capture that stay decoded; eight of the paper's size take 66 MB.
+_PHOTOS_KEPT = 8
 #: The last chunk of every complete PNG; Pillow itself does not miss it.
 _PNG_END = b"IEND\xaeB`\x82"
 
@@ -45,6 +48,28 @@ def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
     Raises:
         DataError: no such file, not a PNG, truncated or damaged, another mode or size.
     """
+    if not path.is_file():
+        raise DataError(f"no image at {path}")
+    stamp = path.stat()
+    rgba = _decoded(path, stamp.st_mtime_ns, stamp.st_size)
+    height, width = rgba.shape[:2]
+    if size is not None and (width, height) != tuple(size):
+        raise DataError(
+            f"{path} is of another size than its camera",
+            expected=f"{size[0]} x {size[1]} pixels",
+            got=f"{width} x {height}",
+            hint="Render the capture again, or resize the camera with the picture",
+        )
+    return rgba
+
+
+@functools.lru_cache(maxsize=_PHOTOS_KEPT)
+def _decoded(
+    path: Path,
+    modified_ns: int,  # noqa: ARG001 - the cache's: a file that was written anew is read anew
+    size_bytes: int,  # noqa: ARG001 - the cache's
+) -> Bytes:
+    """A photo's pixels, read-only; decoded once, because several stages of a method want them."""
     image = _open_png(path)
     if image.mode != "RGBA":
         raise DataError(
@@ -52,14 +77,9 @@ def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
             expected="an RGBA PNG",
             got=f"mode {image.mode}",
         )
-    if size is not None and image.size != tuple(size):
-        raise DataError(
-            f"{path} is of another size than its camera",
-            expected=f"{size[0]} x {size[1]} pixels",
-            got=f"{image.size[0]} x {image.size[1]}",
-            hint="Render the capture again, or resize the camera with the picture",
-        )
-    return np.asarray(image)
+    pixels = np.asarray(image)
+    pixels.flags.writeable = False
+    return pixels
 
 
 def load_mask(path: Path, size: tuple[int, int] | None = None) -> Floats:

@@ -100,7 +100,7 @@ def _losses(body: Body, capture: Capture, scan: Mesh) -> list[dict[str, float]]:
     from methods.body.detection import detect
     from methods.body.views import frame_side_px
 
-    found = detect(capture)
+    found = detect(capture, range(len(capture.cameras)))
     ours = Raycaster(Mesh(vertices=body.vertices, faces=body.faces, source="fitted body"))
     theirs = Raycaster(scan.geometry())
     views = []

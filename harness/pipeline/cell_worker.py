@@ -79,6 +79,8 @@ def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, obje
     lent: dict[str, object] = {}
     if Privilege.GROUND_TRUTH_MESH in method.info.privileges:
         lent[Privilege.GROUND_TRUTH_MESH] = truth.geometry()
+    if Privilege.SUBJECT_CENTRE in method.info.privileges:
+        lent[Privilege.SUBJECT_CENTRE] = truth.bounds.mean(axis=0)
     if Privilege.ORACLE_NORMALS in method.info.privileges:
         views = method.info.views or range(len(capture.cameras))
         lent[Privilege.ORACLE_NORMALS] = OracleNormals(

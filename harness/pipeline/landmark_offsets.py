@@ -138,9 +138,12 @@ def _main(subjects: str) -> None:
             # Some of the training recipes cannot be made; it is said which.
             sys.stderr.write(f"{subject} left out: {error}\n")
             continue
+        views = range(len(capture.cameras))
         posed = true_posed(body, source.load(subject)[0])
         people.append((capture, posed))
-        detected.append(deviations_mm(capture.cameras, detect(capture), posed, body.landmarks))
+        detected.append(
+            deviations_mm(capture.cameras, detect(capture, views), posed, body.landmarks)
+        )
     order = body.landmarks.landmarks.tolist()
     offsets, _ = symmetric_means(np.array(detected), order)
     body.landmarks = replace(body.landmarks, offsets=(offsets / MM_PER_METRE).astype(np.float32))
@@ -155,14 +158,14 @@ def _after_fits(body: AnnyBody, people: Sequence[tuple[Capture, Posed]]) -> Iter
     import torch
 
     from methods.body.views import load_views
-    from methods.body_fit import jmbo8
+    from methods.body_fit import jmbo8_plus
 
     torch.set_num_threads(1)
     context = Context(seed=0, workdir=Path(), stage=lambda _: contextlib.nullcontext())
     for done, (capture, truth) in enumerate(people, start=1):
         sys.stderr.write(f"fitting {done} of {len(people)}: {capture.subject}\n")
-        views = load_views(capture, range(len(capture.cameras)), jmbo8.settings.subject_px)
-        parameters, _ = jmbo8.fit(body, views, capture, context)
+        views = load_views(capture, range(len(capture.cameras)), jmbo8_plus.settings.subject_px)
+        parameters, _ = jmbo8_plus.fit(body, views, capture, context)
         with torch.no_grad():
             yield remaining_mm(body.posed(parameters), truth, body)
 

@@ -259,7 +259,13 @@ def _regions(model: Any) -> dict[str, NDArray[np.bool_]]:
         vertices[:, 1] < low[1] + 0.75 * (high[1] - low[1])
     )
     return {
-        "hands": moved_by("wrist", "finger", "metacarpal"),
+        **_hands(moved_by("wrist", "finger", "metacarpal"), vertices),
         "face": moved_by("head") & front,
         "eyeballs": moved_by("eye"),
     }
+
+
+def _hands(hands: NDArray[np.bool_], vertices: NDArray[np.floating[Any]]) -> dict[str, Any]:
+    """The two hands (V,) among vertices (V, 3) of the rest pose; the person's left is at +x."""
+    is_left = vertices[:, 0] > 0
+    return {"left_hand": hands & is_left, "right_hand": hands & ~is_left}

@@ -58,11 +58,13 @@ class Detections:
             the detector's systematic lean is taken off.
         confidence: (N, 33) from 0 to 1, less where readings of one picture disagree; 0 for all
             where nothing was found.
+        hands: (N, 2) share of the readings in which the left and the right hand was found.
     """
 
     pixels: Floats
     points_camera: Floats
     confidence: Floats
+    hands: Floats
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -78,12 +80,18 @@ class Detections:
                 swapped[..., None], self.points_camera[:, MIRRORED], self.points_camera
             ),
             confidence=np.where(swapped, self.confidence[:, MIRRORED], self.confidence),
+            hands=np.where(swapped, self.hands[:, ::-1], self.hands),
         )
 
     def at(self, views: Sequence[int] | NDArray[np.integer[Any]]) -> Detections:
         """The detections of some views, in that order."""
         index = np.asarray(views, dtype=np.int64)
-        return Detections(self.pixels[index], self.points_camera[index], self.confidence[index])
+        return Detections(
+            self.pixels[index],
+            self.points_camera[index],
+            self.confidence[index],
+            self.hands[index],
+        )
 
 
 def part() -> Part:
@@ -94,37 +102,46 @@ def part() -> Part:
         return Part("landmarks", "MediaPipe Holistic", "Apache-2.0")
 
 
-def detect(capture: Capture) -> Detections:
-    """Landmarks in every view of a capture; a view without a person has confidence 0.
+def detect(capture: Capture, views: Sequence[int]) -> Detections:
+    """Landmarks in some views of a capture; a view without a person has confidence 0.
+
+    No other view's photo is opened.
 
     Raises:
         MissingPart: MediaPipe is not installed.
         DataError: an image cannot be read.
     """
-    images = tuple(capture.image_path(view) for view in range(len(capture.cameras)))
-    return _detect(images, tuple(camera.size for camera in capture.cameras), capture.key)
+    found = [_detect(_Photo.of(capture, view)) for view in views]
+    return Detections(
+        pixels=np.array([reading.pixels for reading in found]),
+        points_camera=np.array([reading.points_camera for reading in found]) @ _upright().T,
+        confidence=np.array([reading.confidence for reading in found]),
+        hands=np.array([reading.hands for reading in found]),
+    )
 
 
-@functools.lru_cache(maxsize=2)
-def _detect(
-    images: tuple[Path, ...],
-    sizes: tuple[tuple[int, int], ...],
-    key: str,  # noqa: ARG001 - the cache's
-) -> Detections:
+class _Photo(NamedTuple):
+    """One photo as it is on disk now: what is cached under it holds as long as the file does."""
+
+    path: Path
+    size: tuple[int, int]
+    modified_ns: int
+
+    @classmethod
+    def of(cls, capture: Capture, view: int) -> _Photo:
+        path = capture.image_path(view)
+        modified_ns = path.stat().st_mtime_ns if path.is_file() else 0
+        return cls(path, capture.cameras[view].size, modified_ns)
+
+
+@functools.lru_cache(maxsize=64)
+def _detect(photo: _Photo) -> Reading:
     """Cached, because the method and the scorer of one cell ask the same."""
-    holistic = _holistic()
-    pixels = np.zeros((len(images), COUNT, 2))
-    points = np.zeros((len(images), COUNT, 3))
-    confidence = np.zeros((len(images), COUNT))
-    with holistic(static_image_mode=True, model_complexity=1) as detector:
-        for view, (path, size) in enumerate(zip(images, sizes, strict=True)):
-            left, top, cut_out = _cut_out(load_rgba(path, size))
-            found = agreed(list(_readings(detector, cut_out)))
-            if found is None:
-                continue
-            pixels[view] = found.pixels + np.array([left, top])
-            points[view], confidence[view] = found.points_camera, found.confidence
-    return Detections(pixels, points @ _upright().T, confidence)
+    left, top, cut_out = _cut_out(load_rgba(photo.path, photo.size))
+    found = agreed(list(_readings(_detector(), cut_out)))
+    if found is None:
+        return Reading(np.zeros((COUNT, 2)), np.zeros((COUNT, 3)), np.zeros(COUNT), np.zeros(2))
+    return found._replace(pixels=found.pixels + np.array([left, top]))
 
 
 class Reading(NamedTuple):
@@ -134,11 +151,13 @@ class Reading(NamedTuple):
         pixels: (33, 2) in pixels of the picture.
         points_camera: (33, 3) metres about the middle of the hips, camera axes.
         confidence: (33,) from 0 to 1.
+        hands: (2,) 1 where the left and the right hand was found, else 0; a share in a mean.
     """
 
     pixels: Floats
     points_camera: Floats
     confidence: Floats
+    hands: Floats
 
     def reflected(self, width: int) -> Reading:
         """The same person in the mirror image of a picture that is so many pixels wide."""
@@ -146,6 +165,7 @@ class Reading(NamedTuple):
             pixels=(self.pixels * (-1.0, 1.0) + (width, 0.0))[MIRRORED],
             points_camera=(self.points_camera * (-1.0, 1.0, 1.0))[MIRRORED],
             confidence=self.confidence[MIRRORED],
+            hands=self.hands[::-1],
         )
 
 
@@ -156,13 +176,13 @@ def agreed(readings: Sequence[Reading]) -> Reading | None:
     """
     if not readings:
         return None
-    pixels, points, confidence = (np.array(values) for values in zip(*readings, strict=True))
+    pixels, points, confidence, hands = (np.array(values) for values in zip(*readings, strict=True))
     middle = pixels.mean(axis=0)
     spread = np.sqrt(((pixels - middle) ** 2).sum(axis=2).mean(axis=0))
     size = np.ptp(middle, axis=0).max()
     # Two readings are twice as far from each other as from their mean.
     trust = 1.0 / (1.0 + (2.0 * spread / (_HALF_TRUST * size)) ** 2)
-    return Reading(middle, points.mean(axis=0), trust * confidence.mean(axis=0))
+    return Reading(middle, points.mean(axis=0), trust * confidence.mean(axis=0), hands.mean(axis=0))
 
 
 def _readings(detector: Any, cut_out: NDArray[np.uint8]) -> Iterator[Reading]:
@@ -191,6 +211,9 @@ def _reading(detector: Any, picture: NDArray[np.uint8]) -> Reading | None:
         pixels=np.array([(mark.x * width, mark.y * height) for mark in marks]),
         points_camera=np.array([(m.x, m.y, m.z) for m in found.pose_world_landmarks.landmark]),
         confidence=np.clip([mark.visibility for mark in marks], 0.0, 1.0),
+        hands=np.array(
+            [found.left_hand_landmarks is not None, found.right_hand_landmarks is not None], float
+        ),
     )
 
 
@@ -200,7 +223,9 @@ def _upright() -> Floats:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
 
 
-def _holistic() -> Any:
+@functools.lru_cache(maxsize=1)
+def _detector() -> Any:
+    """The detector, loaded once; in still-picture mode it remembers nothing of earlier pictures."""
     try:
         import mediapipe
     except ImportError as error:
@@ -208,7 +233,8 @@ def _holistic() -> Any:
             "landmarks are found with MediaPipe, which is not installed",
             hint="Run: pip install mediapipe==0.10.21",
         ) from error
-    return mediapipe.solutions.holistic.Holistic
+    holistic = mediapipe.solutions.holistic.Holistic
+    return holistic(static_image_mode=True, model_complexity=1)
 
 
 def _cut_out(rgba: NDArray[np.uint8]) -> tuple[int, int, NDArray[np.uint8]]:

@@ -26,7 +26,9 @@ class Evidence:
         confidence: (N, K), with the table's trust in it.
         points_camera: (N, K, 3) metres about the middle of the hips, camera axes.
         side_px: (N,) side of the subject's frame.
-        metres_per_px: (N,) at the distance of the world's origin.
+        metres_per_px: (N,) at the distance of the subject's place.
+        centre: (3,) the middle of the subject's place, world metres.
+        depth_is_known: Whether the views tell how far away the subject is.
     """
 
     def __init__(
@@ -43,8 +45,10 @@ class Evidence:
         self.points_camera = tensor(detections.points_camera[:, table.landmarks])
         self.side_px = tensor([view.side_px for view in views])
         self.metres_per_px = tensor(
-            [view.camera.world_to_camera[2, 3] / view.camera.K[1, 1] for view in views]
+            [view.place.distance_m(view.camera) / view.camera.K[1, 1] for view in views]
         )
+        self.centre = tensor(views[0].place.centre)
+        self.depth_is_known = views[0].place.depth_is_known
         self.forward = tensor([view.camera.forward for view in views])
         self._hips = [int(np.flatnonzero(table.landmarks == hip)[0]) for hip in (23, 24)]
 
@@ -67,14 +71,20 @@ class Evidence:
         middle = turned[:, self._hips].mean(1, keepdim=True)
         return _length(turned - middle - self.points_camera)
 
-    def loss(self, points: Tensor, view: int) -> Tensor:
-        """The paper's landmark loss of one view for landmarks (K, 3), in half sides of its frame.
+    def loss(self, points: Tensor, view: int, counted: Tensor) -> Tensor:
+        """The paper's landmark loss of one view for landmarks (K, 3), in sides of its frame.
 
-        Source: MExECON, equation of the landmark loss: mean of distances weighted by confidence.
+        Args:
+            points: (K, 3) landmarks, world metres.
+            view: Which.
+            counted: (N, K) factor on the confidence: 1 for a landmark that counts, 0 for others.
+
+        Source: MExECON, equation of the landmark loss: mean of distances weighted by confidence,
+        whose picture is one unit wide in the authors' code.
         """
         distance = _length(self.projectors[view](points) - self.pixels[view])
-        weight = self.confidence[view]
-        return (weight * distance).sum() / weight.sum() * (2.0 / self.side_px[view])
+        weight = self.confidence[view] * counted[view]
+        return (weight * distance).sum() / weight.sum().clamp_min(1e-6) / self.side_px[view]
 
 
 def _length(vectors: Tensor) -> Tensor:

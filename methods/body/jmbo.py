@@ -9,26 +9,31 @@ has its full perspective camera, wherever it stands and however it is pitched.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.core.camera import Camera
 from methods.body.evidence import Evidence
-from methods.body.model import Parameters, ParametricBody, Posed, box_middle
+from methods.body.model import LandmarkTable, Parameters, ParametricBody, Posed, box_middle
 from methods.body.normal_maps import NormalTarget, Skin, normal_cost
 from methods.body.prior import BodyPrior
 from methods.body.projection import Projector
 from methods.body.silhouette import SilhouetteTarget, clothed, silhouette_cost
 from methods.body.surface import BodySurface, Topology, vertex_normals
 from methods.body.views import Views
+from methods.body.weights import PUBLISHED_CONFIDENCE, PUBLISHED_LANDMARKS, Weights
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Fit", "Weights", "head_cost", "hold_depth", "optimise"]
+__all__ = ["Fit", "NormalsOf", "head_cost", "hold_depth", "optimise"]
+
+#: Makes the clothed normals (H, W, 3) of every view, map frame, for one body's vertices (V, 3).
+NormalsOf = Callable[[NDArray[np.float64]], Sequence[NDArray[np.float64]]]
 
 _FACTOR, _PATIENCE, _LEAST_RATE = 0.5, 5, 1e-5
 #: Of the ramp: shares of the iterations at which the full step is reached and left, first and last
@@ -39,43 +44,12 @@ _FULL, _FALLING, _LEAST_SHARE = 0.1, 0.6, 0.1
 _WINDOW, _IMPROVEMENT = 10, 2e-3
 
 
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """The cost and how it is brought down. The defaults are the paper's equation.
-
-    Attributes:
-        silhouette, normal, landmark, head: Of the terms; 0 turns one off.
-        uncovered: Weight, within the silhouette term, of subject that the body does not cover: 1
-            is the paper's L1; less lets clothes stand off the body.
-        standoff_m: Width of the subject's rim that costs nothing when uncovered, metres; 0 in the
-            paper's L1.
-        prior: Of the pose and shape prior; the paper has none.
-        iterations: At most.
-        rate: Adam's first step.
-        schedule: ``plateau`` halves the step after 5 iterations without progress, as in the paper;
-            ``ramp`` starts with small steps, for Adam's first ones are blind, and ends with them.
-        batch: Views per iteration; 0 takes all.
-    """
-
-    silhouette: float = 1.0
-    normal: float = 0.2
-    landmark: float = 0.1
-    head: float = 0.1
-    uncovered: float = 1.0
-    standoff_m: float = 0.0
-    prior: float = 0.0
-    iterations: int = 35
-    rate: float = 1e-2
-    schedule: str = "plateau"
-    batch: int = 0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """How an optimisation went.
 
     Attributes:
-        parameters: Of the one body, with the least cost that was met.
+        parameters: The one body's, as ``Weights.keep`` asks.
         costs: Total cost at each iteration.
         terms: Mean over views of each unweighted term, at the start and at the end.
         ended: ``converged`` or ``iterations``.
@@ -88,17 +62,33 @@ class Fit:
 
 
 def optimise(
-    body: ParametricBody, views: Views, start: Parameters, weights: Weights, seed: int
+    body: ParametricBody,
+    views: Views,
+    start: Parameters,
+    weights: Weights,
+    seed: int,
+    normals_of: NormalsOf | None = None,
 ) -> Fit:
     """The body that the views agree on best, starting from parameters of one body.
 
     Memory does not grow with the views: each view's gradient is added to the vertices' and its
     graph dropped before the next is looked at. ``batch`` bounds the time of an iteration as well.
-    One view's body is held at the distance of the world's origin, where the first fit put it.
+    One view's body is held at the distance of the subject's place, or where that is not known at
+    the distance that the start has.
+
+    Args:
+        body: Whose parameters are sought.
+        views: Usable ones.
+        start: Parameters of one body.
+        weights: Of the cost, and how it is brought down.
+        seed: Of the order of mini-batches.
+        normals_of: Estimates the views' normals anew; asked every ``weights.normals_every``
+            iterations.
     """
     import torch
 
     problem = _Problem(body, views, weights)
+    held_m = _held_distance_m(body, views, start)
     parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
     optimiser = torch.optim.Adam(list(parameters.values()), lr=weights.rate, amsgrad=True)
     plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
@@ -109,25 +99,28 @@ def optimise(
     terms: list[dict[str, float]] = []
     best = {name: value.detach().clone() for name, value in parameters.items()}
     ended: Literal["converged", "iterations"] = "iterations"
+    keeps_last = bool(weights.batch) or weights.keep == "last"
     for iteration, chosen in enumerate(turns):
-        if len(views.views) == 1:
-            hold_depth(body, parameters, views.views[0].camera)
+        if held_m is not None:
+            hold_depth(body, parameters, views.views[0].camera, held_m)
+        if normals_of is not None and _is_due(iteration, weights.normals_every):
+            problem.compare_with(normals_of(problem.vertices(parameters)))
         optimiser.zero_grad()
         if weights.schedule == "ramp":
             optimiser.param_groups[0]["lr"] = weights.rate * _ramp(iteration / len(turns))
         cost, found = problem.step(parameters, chosen)
         # With mini-batches the costs of two iterations are of different views: the last one counts.
-        if not costs or cost < min(costs) or weights.batch:
+        if keeps_last or not costs or cost < min(costs):
             best = {name: value.detach().clone() for name, value in parameters.items()}
         costs.append(cost)
         terms.append(found)
         optimiser.step()
         if weights.schedule == "plateau":
             plateau.step(cost)
-        if not weights.batch and _converged(costs):
+        if weights.early_stop and not weights.batch and _converged(costs):
             ended = "converged"
             break
-    last = int(np.argmin(costs)) if not weights.batch else -1
+    last = -1 if keeps_last else int(np.argmin(costs))
     pairs = {name: (terms[0][name], terms[last][name]) for name in terms[0]} if terms else {}
     return Fit(best, tuple(costs), pairs, ended)
 
@@ -151,6 +144,11 @@ def _ramp(progress: float) -> float:
     return rising * (1.0 - (1.0 - _LEAST_SHARE) * falling)
 
 
+def _is_due(iteration: int, every: int) -> bool:
+    """Whether normals are estimated anew; the views bring those of the start along."""
+    return every > 0 and iteration > 0 and iteration % every == 0
+
+
 def _converged(costs: Sequence[float]) -> bool:
     if len(costs) < 3 * _WINDOW:
         return False
@@ -158,17 +156,35 @@ def _converged(costs: Sequence[float]) -> bool:
     return bool(0 <= before - after < _IMPROVEMENT * before)
 
 
-def hold_depth(body: ParametricBody, parameters: dict[str, Tensor], camera: Camera) -> None:
-    """Move one body along a camera's axis until the middle of its box is as far as the origin.
+def hold_depth(
+    body: ParametricBody, parameters: dict[str, Tensor], camera: Camera, distance_m: float
+) -> None:
+    """Move one body along a camera's axis until the middle of its box is at a distance, metres.
 
     One view does not tell size from distance: left free, a body walks away and grows.
     """
     import torch
 
     forward = torch.tensor(camera.forward).to(parameters["translation"])
+    position = torch.tensor(camera.position.copy()).to(forward)
     with torch.no_grad():
         middle = box_middle(body.posed(parameters).vertices)
-        parameters["translation"] -= (middle @ forward)[:, None] * forward
+        off = (middle - position) @ forward - distance_m
+        parameters["translation"] -= off[:, None] * forward
+
+
+def _held_distance_m(body: ParametricBody, views: Views, start: Parameters) -> float | None:
+    """The distance at which the body of a single view is held; None with more views."""
+    import torch
+
+    if len(views.views) > 1:
+        return None
+    view = views.views[0]
+    if view.place.depth_is_known:
+        return view.place.distance_m(view.camera)
+    with torch.no_grad():
+        middle = box_middle(body.posed(start).vertices)[0].double().numpy()
+    return float(view.camera.forward @ (middle - view.camera.position))
 
 
 def head_cost(body: ParametricBody, posed: Posed) -> Tensor:
@@ -187,6 +203,7 @@ class _Problem:
         self.topology = Topology(body.faces)
         self.prior = BodyPrior(body)
         self.evidence = Evidence(views.views, views.detections, body.landmarks)
+        self.counted = _counted(self.evidence, body.landmarks, weights.landmarks)
         self.silhouettes = [
             SilhouetteTarget(
                 Projector(view.camera),
@@ -196,12 +213,27 @@ class _Problem:
             )
             for view, metres in zip(views.views, self.evidence.metres_per_px.tolist(), strict=True)
         ]
-        self.normals = [
+        self.views = views.views
+        self.normals: list[NormalTarget | None] = [
             None
             if view.normals_camera is None
             else NormalTarget(Projector(view.camera), view.normals_camera, view.side_px**2)
             for view in views.views
         ]
+
+    def compare_with(self, normals_camera: Sequence[NDArray[np.float64]]) -> None:
+        """Take other normals (H, W, 3) of the views, map frame, from now on."""
+        self.normals = [
+            NormalTarget(Projector(view.camera), normals, view.side_px**2)
+            for view, normals in zip(self.views, normals_camera, strict=True)
+        ]
+
+    def vertices(self, parameters: Parameters) -> NDArray[np.float64]:
+        """(V, 3) world metres of the one body."""
+        import torch
+
+        with torch.no_grad():
+            return self.body.posed(parameters).vertices[0].double().numpy()
 
     def step(self, parameters: Parameters, chosen: Sequence[int]) -> tuple[float, dict[str, float]]:
         """The cost, with its gradient added to the parameters', and the terms' means over views."""
@@ -248,5 +280,16 @@ class _Problem:
             target = self.silhouettes[view]
             terms["silhouette"] = silhouette_cost(vertices, surface, target, mask)
         if self.weights.landmark:
-            terms["landmark"] = self.evidence.loss(points, view)
+            terms["landmark"] = self.evidence.loss(points, view, self.counted)
         return terms
+
+
+def _counted(evidence: Evidence, table: LandmarkTable, chosen: str) -> Tensor:
+    """(N, K) 1 for each landmark that is compared, 0 for the others."""
+    import torch
+
+    if chosen == "all":
+        return torch.ones_like(evidence.confidence)
+    known = torch.from_numpy(np.isin(table.landmarks, PUBLISHED_LANDMARKS))
+    trust = torch.from_numpy(table.trust).clamp_min(1e-6)
+    return (known & (evidence.confidence / trust > PUBLISHED_CONFIDENCE)).to(evidence.confidence)

@@ -1,8 +1,8 @@
 """Bodies from landmarks alone: one per view, their average, and one for all views together.
 
-The fits to single views stand where the paper has PIXIE. One view cannot tell size from distance,
-so such a fit is placed at the distance of the rig's centre: the world's origin, where the middle of
-the subject's box is.
+The fits to single views stand where the paper has PIXIE. One view cannot tell size from distance.
+Where several views, or a privilege, tell how far away the subject is, a view's own body is held
+there; otherwise the body model's prior of how tall people are decides.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _SINGLE_STEPS, _SINGLE_RATE = 120, 0.05
 _JOINT_STEPS, _JOINT_RATE = 150, 0.03
 #: Standard deviations: of a landmark in the picture (as metres at the subject), of one in space.
 _PICTURE_M, _SPACE_M = 0.02, 0.06
-#: How far the middle of a single view's body may be from the origin's distance, metres.
+#: How far the middle of a single view's body may be from the subject's distance, metres.
 _DEPTH_M = 0.02
 _LEFT, _RIGHT = [11, 23], [12, 24]
 #: A view is called swapped where the other labelling fits this many times better.
@@ -56,11 +56,12 @@ def fit_each_view(
         for view, points in zip(views, detections.points_camera, strict=True)
     ]
     start["orientation"] = torch.tensor(np.array(turns), dtype=torch.float32)[:, :, :2]
+    start["translation"] = start["translation"] + evidence.centre
 
     def energy(parameters: Parameters) -> Tensor:
         posed = body.posed(parameters)
         landmarks = _landmark_terms(evidence, body.landmark_points(posed), 1.0).sum()
-        return landmarks + prior(parameters).sum() + _off_centre(evidence, posed, parameters).sum()
+        return landmarks + prior(parameters).sum() + _off_depth(evidence, posed, parameters)
 
     return _descend(start, energy, _SINGLE_STEPS, _SINGLE_RATE)
 
@@ -99,7 +100,7 @@ def fit_jointly(
         posed = body.posed(parameters)
         points = body.landmark_points(posed)
         cost = _landmark_terms(evidence, points, 1.0 / len(views)).sum() + prior(parameters).sum()
-        return cost + _off_centre(evidence, posed, parameters).sum() if len(views) == 1 else cost
+        return cost + _off_depth(evidence, posed, parameters) if len(views) == 1 else cost
 
     return _descend(start, energy, _JOINT_STEPS, _JOINT_RATE)
 
@@ -123,12 +124,17 @@ def swapped_views(
     return errors[0] > _CLEARLY * errors[1]
 
 
-def _off_centre(evidence: Evidence, posed: Posed, parameters: Parameters) -> Tensor:
-    """(N,) cost of N views' own bodies for being nearer or farther than the rig's centre."""
+def _off_depth(evidence: Evidence, posed: Posed, parameters: Parameters) -> Tensor:
+    """Cost of N views' own bodies for being nearer or farther than the subject's place.
+
+    0 where the views do not tell its distance.
+    """
     root = parameters["translation"]
+    if not evidence.depth_is_known:
+        return root.new_zeros(())
     # Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
-    middle = root + (box_middle(posed.vertices) - root).detach()
-    return 0.5 * ((middle * evidence.forward).sum(1) / _DEPTH_M) ** 2
+    middle = root + (box_middle(posed.vertices) - root).detach() - evidence.centre
+    return (0.5 * ((middle * evidence.forward).sum(1) / _DEPTH_M) ** 2).sum()
 
 
 def _landmark_terms(evidence: Evidence, points: Tensor, space: float) -> Tensor:

@@ -108,7 +108,7 @@ class ParametricBody(Protocol):
         free: The joints that ``pose`` turns, in its order.
         shape_prior: (2, S) mean and standard deviation of the shape values.
         landmarks: MediaPipe's landmarks on this body.
-        regions: (V,) masks ``hands``, ``face`` and ``eyeballs``.
+        regions: (V,) masks ``left_hand``, ``right_hand``, ``face`` and ``eyeballs``.
     """
 
     name: str

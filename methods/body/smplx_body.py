@@ -28,7 +28,7 @@ __all__ = ["SmplxBody"]
 
 _WHERE = (
     "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and pass "
-    "--set smplx_model=<folder>/SMPLX_NEUTRAL.npz"
+    "--set body.model_file=<folder>/SMPLX_NEUTRAL.npz"
 )
 _VERTICES, _JOINTS, _BODY_JOINTS = 10475, 55, 21
 _BETAS, _EXPRESSIONS, _HAND = 10, 10, 45
@@ -242,7 +242,12 @@ def _regions(model: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[np.b
     depth = model.v_template.numpy()[:, 2]
     fingers = [n for n in joint_names if n[-1] in "123" and n.split("_")[0] in ("left", "right")]
     return {
-        "hands": np.isin(names, ["left_wrist", "right_wrist", *fingers]),
+        **{
+            f"{side}_hand": np.isin(
+                names, [f"{side}_wrist", *(name for name in fingers if name.startswith(side))]
+            )
+            for side in ("left", "right")
+        },
         "face": head & (depth > depth[head].mean()) if head.any() else head,
         "eyeballs": np.isin(names, ["left_eye_smplhf", "right_eye_smplhf"]),
     }

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.images import load_mask, resampled
+from harness.geometry.place import Place, place_of
 from methods.body.detection import Detections, detect
 
 __all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
@@ -35,6 +36,7 @@ class View:
         camera: Of the working picture.
         coverage: (H, W) of the subject, 0 to 1.
         side_px: Side of the subject's frame in working pixels.
+        place: Where the subject stands, the same for all views that are fitted together.
         normals_camera: (H, W, 3) clothed normals in the map frame, or None.
     """
 
@@ -42,6 +44,7 @@ class View:
     camera: Camera
     coverage: Floats
     side_px: float
+    place: Place
     normals_camera: Floats | None = None
 
 
@@ -77,6 +80,7 @@ def load_views(
     indices: Sequence[int],
     subject_px: int,
     normals: Callable[[Camera], Floats] | None = None,
+    centre: Floats | None = None,
 ) -> Views:
     """The usable ones among some views of a capture.
 
@@ -85,52 +89,56 @@ def load_views(
         indices: Which of its views.
         subject_px: Longer side of the subject in working pixels; pictures are never enlarged.
         normals: Makes the clothed normals (H, W, 3) of a camera, map frame.
+        centre: (3,) the middle of the subject's box, world metres, where that is given away;
+            otherwise the photos tell where the subject stands.
 
     Raises:
         MethodError: no view shows a person.
         MissingPart: MediaPipe is not installed.
     """
-    found = detect(capture)
-    views: list[View] = []
+    found = detect(capture, indices)
+    coverages: dict[int, Floats] = {}
     left_out: dict[int, str] = {}
-    for index in indices:
-        if int((found.confidence[index] > _CONFIDENT).sum()) < _LEAST_LANDMARKS:
+    for index, confidence in zip(indices, found.confidence, strict=True):
+        if int((confidence > _CONFIDENT).sum()) < _LEAST_LANDMARKS:
             left_out[index] = "no person was detected"
             continue
-        camera = capture.cameras[index]
-        coverage = load_mask(capture.image_path(index), camera.size)
-        inside = coverage > 0.5
-        if not inside.any():
+        coverage = load_mask(capture.image_path(index), capture.cameras[index].size)
+        if (coverage > 0.5).any():
+            coverages[index] = coverage
+        else:
             left_out[index] = "its mask is empty"
-            continue
-        views.append(_working_view(index, camera, coverage, subject_px, normals))
-    if not views:
+    if not coverages:
         raise MethodError(
             "no view shows a person",
             expected="at least one view with a detected person and a mask",
             got="; ".join(f"view {index}: {why}" for index, why in left_out.items()),
         )
-    used = [view.index for view in views]
-    detections = found.at(used)
+    place = _place(capture, coverages, centre)
+    views = [
+        _working_view(index, capture.cameras[index], coverage, subject_px, place)
+        for index, coverage in coverages.items()
+    ]
+    if normals is not None:
+        views = [replace(view, normals_camera=normals(view.camera)) for view in views]
+    detections = found.at([list(indices).index(index) for index in coverages])
     scales = [
         [view.camera.width / capture.cameras[view.index].width,
          view.camera.height / capture.cameras[view.index].height]
         for view in views
     ]  # fmt: skip
-    working = Detections(
-        pixels=detections.pixels * np.array(scales)[:, None],
-        points_camera=detections.points_camera,
-        confidence=detections.confidence,
-    )
+    working = replace(detections, pixels=detections.pixels * np.array(scales)[:, None])
     return Views(tuple(views), working, left_out)
 
 
+def _place(capture: Capture, coverages: Mapping[int, Floats], centre: Floats | None) -> Place:
+    cameras = [capture.cameras[index] for index in coverages]
+    place = place_of(cameras, [coverage > 0.5 for coverage in coverages.values()])
+    return place if centre is None else replace(place, centre=centre, depth_is_known=True)
+
+
 def _working_view(
-    index: int,
-    camera: Camera,
-    coverage: Floats,
-    subject_px: int,
-    normals: Callable[[Camera], Floats] | None,
+    index: int, camera: Camera, coverage: Floats, subject_px: int, place: Place
 ) -> View:
     side = frame_side_px(coverage > 0.5)
     scale = min(1.0, subject_px * FRAME_MARGIN / side)
@@ -141,5 +149,5 @@ def _working_view(
         camera=working,
         coverage=resampled(coverage, (width, height), "box"),
         side_px=side * width / camera.width,
-        normals_camera=None if normals is None else normals(working),
+        place=place,
     )

@@ -101,17 +101,6 @@ class NormalChoice:
         return (_PRIVILEGE,) if self.kind == "oracle" else ()
 
     @property
-    def prior_weight(self) -> float:
-        """Weight of the body's depth in the integration of this estimator's normals.
-
-        The published one, but for the open network: its folds are good, but small errors that
-        share a direction add up along a sheet. On sixteen training subjects that the network does
-        not know, 1e-4, 3e-4, 1e-3 and 3e-3 gave a mean normal error of 25.3, 25.3, 25.2 and 25.4
-        degrees at Chamfer distances of 13.5, 13.2, 13.7 and 14.0 mm.
-        """
-        return 1e-3 if self.kind == "open" else 1e-4
-
-    @property
     def part(self) -> Part:
         """As records name it.
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from typing import cast
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +19,16 @@ from harness.core.files import atomic_path
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import check_choice, overridden
+from harness.core.settings import by_room, check_choice, overridden
 from harness.geometry.images import load_mask, save_png
 from harness.geometry.sides import SidedRaycaster
-from methods.body_fit import BodyFit, FitSettings, body_model
+from methods.body_fit import BodyFit, FittedBody, body_model
+from methods.fit_settings import FitSettings
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
+from methods.published import Published
 from methods.surface.clothed_body import Outline, clothed_body
-from methods.surface.completion import BodyCompletion
+from methods.surface.completion import BodyCompletion, CompletionParameters
 from methods.surface.front_back import (
     BodyPrior,
     FrontBackDepth,
@@ -43,40 +44,48 @@ __all__ = ["ClothedMethod", "ClothedSettings", "SheetPlan", "integrated"]
 
 @dataclass(frozen=True, slots=True)
 class ClothedSettings:
-    """Settings of the clothed reconstruction; those of the body fit are set beside them.
+    """Settings of the clothed reconstruction; the defaults are the published ones of MExECON.
 
     Attributes:
         normals: ``body``, ``oracle`` (a privilege), ``open`` (the network that is shipped) or
             ``onnx``.
         normals_model: A network's file or the name of an imported one, for ``onnx``.
         resolution: Side of the working picture in pixels; ECON's is 512.
-        prior_weight: How strongly integration holds on to the body's depth; 0 is the estimator's
-            own: the published 1e-4, and 1e-3 for ``open``.
-        clothes: How far that depth is from the body: ``uniform``, the published 2 cm, or
-            ``silhouettes``, as far as those of all views show; one or two do not show the sides.
-        hands: ``body`` puts the body's hands in, as ECON does; ``sheets`` leaves what is seen.
-        poisson_depth: Depth of the fusion's octree; the published 10.
+        bilateral_k: How sharply integration lets depth jump.
+        prior_weight: How strongly integration holds on to the body's depth.
+        boundary_weight: How strongly both sides meet at the silhouette.
+        thickness_m: By how much the body is inflated towards and away from the viewer, metres.
+        clothes: What is inflated: ``uniform``, the body itself, or ``silhouettes``, the body moved
+            out to the silhouettes of all views; one or two do not show the sides.
+        covered_m: The body is dropped within this distance of the sheets, metres.
+        hands: ``detected`` puts in the body's hands that the detector found in the first photo, as
+            ECON does, ``body`` both; ``sheets`` leaves what is seen.
+        poisson_depth: Depth of the fusion's octree.
         faces: Decimate the mesh to about this many; 0 keeps all.
     """
 
     normals: str = "open"
     normals_model: str = ""
     resolution: int = 512
-    prior_weight: float = 0.0
+    bilateral_k: float = 4.0
+    prior_weight: float = 1e-4
+    boundary_weight: float = 1e-6
+    thickness_m: float = 0.02
     clothes: str = "uniform"
+    covered_m: float = 0.02
     hands: str = "sheets"
     poisson_depth: int = 10
-    faces: int = 0
+    faces: int = 50_000
 
     def __post_init__(self) -> None:
-        check_choice("hands", self.hands, ("body", "sheets"))
+        check_choice("hands", self.hands, ("detected", "body", "sheets"))
         check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
         if not 64 <= self.resolution <= 4096:
             raise HarnessError(
                 f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
             )
         # Refuses settings that do not go together before anything runs.
-        _ = self.normal_choice, self.fusion, self.integration
+        _ = self.normal_choice, self.fusion, self.integration, self.completion
 
     @property
     def normal_choice(self) -> NormalChoice:
@@ -86,9 +95,17 @@ class ClothedSettings:
     @property
     def integration(self) -> FrontBackParameters:
         """How normals are integrated."""
-        weight = self.prior_weight or self.normal_choice.prior_weight
-        published = FrontBackParameters(prior_weight=weight)
-        return published if self.clothes == "uniform" else replace(published, thickness=0.0)
+        return FrontBackParameters(
+            k=self.bilateral_k,
+            prior_weight=self.prior_weight,
+            silhouette_weight=self.boundary_weight,
+            thickness=self.thickness_m,
+        )
+
+    @property
+    def completion(self) -> CompletionParameters:
+        """How the body completes the sheets."""
+        return CompletionParameters(covered_m=self.covered_m)
 
     @property
     def fusion(self) -> FusionParameters:
@@ -123,39 +140,52 @@ class ClothedMethod:
         names: Its name on the command line and its title in tables.
         fit: How the body is fitted, and to which views.
         plan: Which views' normals make which sheets.
-        settings: Everything else.
+        settings: How the surface is made.
+        published: The publication whose name the method carries, if any.
     """
 
     def __init__(
-        self, names: tuple[str, str], fit: BodyFit, plan: SheetPlan, settings: ClothedSettings
+        self,
+        names: tuple[str, str],
+        fit: BodyFit,
+        plan: SheetPlan,
+        settings: ClothedSettings,
+        published: Published | None = None,
     ) -> None:
         self.settings = settings
-        self._names, self._plan = names, plan
-        uses_oracle = settings.normals == "oracle"
-        self._fit = fit.configured({"normals": "oracle" if uses_oracle else "off"})
+        self._names, self._fit, self._plan, self._published = names, fit, plan, published
 
     @functools.cached_property
     def info(self) -> MethodInfo:
         """What the method says of itself.
 
-        Told when it is asked for, so that a network that is not there does not keep the method from
-        being configured to do without.
+        Made when it is asked for, so that the method can be configured to do without a network that
+        is not there.
 
         Raises:
             MissingPart, DataError: as ``NormalChoice.part``.
         """
-        return _info(self._names, self._fit, self.settings)
+        choice, fit = self.settings.normal_choice, self._fit.info
+        surface = {**asdict(self.settings), "normals_model": bool(self.settings.normals_model)}
+        parameters = {"body": self._fit.settings.in_use(len(self._fit.views)), "surface": surface}
+        return MethodInfo(
+            name=self._names[0],
+            title=self._names[1],
+            views=fit.views,
+            parts=tuple(dict.fromkeys((*fit.parts, choice.part))),
+            privileges=tuple(dict.fromkeys((*fit.privileges, *choice.privileges))),
+            parameters=parameters,
+            deviations=self._published.deviations(parameters) if self._published else (),
+        )
 
     def configured(self, parameters: Mapping[str, str]) -> ClothedMethod:
-        """The method with other settings, given as text by field name."""
-        own = {field.name for field in fields(ClothedSettings)}
-        settings = overridden(
-            self.settings, {name: text for name, text in parameters.items() if name in own}
-        )
-        fit = self._fit.configured(
-            {name: text for name, text in parameters.items() if name not in own}
-        )
-        return ClothedMethod(self._names, fit, self._plan, settings)
+        """The method with other settings, given as text by ``room.setting``."""
+        rooms = {"body": FitSettings, "surface": ClothedSettings}
+        names = {room: [field.name for field in fields(kind)] for room, kind in rooms.items()}
+        own = by_room(parameters, names)
+        settings = overridden(self.settings, own["surface"])
+        fit = self._fit.with_settings(overridden(self._fit.settings, own["body"]))
+        return ClothedMethod(self._names, fit, self._plan, settings, self._published)
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The clothed mesh and the body within it, world metres.
@@ -164,24 +194,22 @@ class ClothedMethod:
             MethodError: no person found, no sheet, or a surface that does not close.
             MissingPart: the body model, MediaPipe, or a network is not installed.
         """
-        fitted = self._fit.reconstruct(capture, context)
-        body = fitted.body
-        assert body is not None
-        skin = Mesh(body.vertices, body.faces, source="fitted body")
+        fitted = self._fit.fitted(capture, context)
+        skin = fitted.skin
         with context.stage("normals"):
             maps = self._maps(capture, skin, context)
         shape = skin
         if self.settings.clothes == "silhouettes":
             with context.stage("clothes"):
-                used = cast("Sequence[int]", fitted.details["views_used"])
-                shape = clothed_body(skin, [_outline(capture, view) for view in used])
+                outlines = [_outline(capture, view) for view in fitted.views_used]
+                shape = clothed_body(skin, outlines)
                 caster = SidedRaycaster(shape)
                 maps = [each.held_to(caster) for each in maps]
         with context.stage("integration"):
             depths = [integrated(each, self.settings.integration) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
-            parts = self._parts(sheets, skin, shape)
+            parts = self._parts(sheets, fitted, shape)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
         if context.keep:
@@ -194,7 +222,7 @@ class ClothedMethod:
         }
         return Reconstruction(
             mesh=mesh,
-            body=body,
+            body=fitted.body,
             normals=tuple(map(_handed_out, maps)),
             details={**fitted.details, **details},
         )
@@ -208,16 +236,28 @@ class ClothedMethod:
             maps.append(view_maps(view, caster, estimator))
         return maps
 
-    def _parts(self, sheets: list[Mesh], skin: Mesh, shape: Mesh) -> list[Mesh]:
+    def _parts(self, sheets: list[Mesh], fitted: FittedBody, shape: Mesh) -> list[Mesh]:
         """Sheets, completion and hands: what is fused."""
-        regions = _regions(self._fit.settings)
+        regions, skin = _regions(self._fit.settings), fitted.skin
         omitted = np.logical_or.reduce(list(regions.values()))
-        hands = [body_hands(skin, regions["hands"])] if self.settings.hands == "body" else []
+        replaced = self._replaced_hands(regions, fitted)
+        hands = [body_hands(skin, replaced)] if replaced.any() else []
         if hands:
-            sheets = without_hands(sheets, skin, regions["hands"])
+            sheets = without_hands(sheets, skin, replaced)
         seen = concatenated([*sheets, *hands])
-        completion = BodyCompletion()(seen, shape, omitted)
+        completion = BodyCompletion(self.settings.completion)(seen, shape, omitted)
         return [*sheets, *([] if completion is None else [completion]), *hands]
+
+    def _replaced_hands(
+        self, regions: Mapping[str, NDArray[np.bool_]], fitted: FittedBody
+    ) -> NDArray[np.bool_]:
+        """(V,) the hands of the body that stand in for those of the sheets."""
+        left, right = regions["left_hand"], regions["right_hand"]
+        if self.settings.hands == "body":
+            return left | right
+        if self.settings.hands == "sheets":
+            return np.zeros_like(left)
+        return left & fitted.hands_found[0] | right & fitted.hands_found[1]
 
 
 def _outline(capture: Capture, view: int) -> Outline:
@@ -239,25 +279,8 @@ def _handed_out(maps: ViewMaps) -> NormalMaps:
     )
 
 
-def _info(names: tuple[str, str], fit: BodyFit, settings: ClothedSettings) -> MethodInfo:
-    choice = settings.normal_choice
-    own = {
-        **asdict(settings),
-        "normals_model": bool(settings.normals_model),
-        "prior_weight": settings.integration.prior_weight,
-    }
-    return replace(
-        fit.info,
-        name=names[0],
-        title=names[1],
-        parts=(*fit.info.parts, choice.part),
-        privileges=tuple(dict.fromkeys((*fit.info.privileges, *choice.privileges))),
-        parameters={**fit.info.parameters, **own},
-    )
-
-
 def _regions(settings: FitSettings) -> Mapping[str, NDArray[np.bool_]]:
-    """The masks ``hands``, ``face`` and ``eyeballs`` (V,) of the fitted body's model."""
+    """The masks of ``ParametricBody.regions`` (V,) of the fitted body's model."""
     return body_model(settings).regions
 
 

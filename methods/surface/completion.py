@@ -9,7 +9,7 @@ sheet, where nothing is seen, the body stands off by as much as the clothes do o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -90,7 +90,8 @@ class BodyCompletion:
         index = SurfaceIndex(sheets)
         moved = registered(_subdivided(shell), index, self.parameters)
         _, distance = index.closest(moved.vertices)
-        return without_vertices(moved, distance < self.parameters.covered_m)
+        rest = without_vertices(moved, distance < self.parameters.covered_m)
+        return None if rest is None else replace(rest, source="completion")
 
 
 def registered(body: Mesh, sheets: SurfaceIndex, parameters: CompletionParameters) -> Mesh:

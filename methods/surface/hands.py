@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ def body_hands(body: Mesh, hands: Mask) -> Mesh:
     mesh = without_vertices(body, ~hands)
     if mesh is None:
         raise MethodError("the fitted body has no hands to stand in for those of the sheets")
-    return mesh
+    return replace(mesh, source="hands")
 
 
 def without_hands(

@@ -11,12 +11,14 @@ import torch
 
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
+from harness.geometry.place import Place
 from harness.geometry.raycast import Raycaster
 from methods.body.anny_body import AnnyBody
 from methods.body.detection import COUNT, Detections
-from methods.body.jmbo import Weights, optimise
+from methods.body.jmbo import optimise
 from methods.body.model import neutral
 from methods.body.views import View, Views, frame_side_px
+from methods.body.weights import Weights
 
 # Measured on one busy core: 0.15 s an iteration of 8 views at 256 px; the bound leaves room for
 # noise, and 60 iterations within it end well before the 45 s that a subject may take.
@@ -36,14 +38,16 @@ def ring_views(body, count):
         posed = body.posed(parameters)
         points = body.landmark_points(posed)[0].double().numpy()
     caster = Raycaster(Mesh(posed.vertices[0].double().numpy(), body.faces))
+    place = Place(np.zeros(3), 0.9, 0.4, depth_is_known=True)
     views, pixels = [], np.zeros((count, COUNT, 2))
     confidence = np.zeros((count, COUNT))
     for index, camera in enumerate(RingRig(views=count).cameras(180, 320)):
         mask = caster.mask(camera)
-        views.append(View(index, camera, mask.astype(float), frame_side_px(mask)))
+        views.append(View(index, camera, mask.astype(float), frame_side_px(mask), place))
         pixels[index, body.landmarks.landmarks] = camera.project(points)[0]
         confidence[index, body.landmarks.landmarks] = 1.0
-    return Views(tuple(views), Detections(pixels, np.zeros((count, COUNT, 3)), confidence), {})
+    found = Detections(pixels, np.zeros((count, COUNT, 3)), confidence, np.ones((count, 2)))
+    return Views(tuple(views), found, {})
 
 
 def timed(body, views, weights):

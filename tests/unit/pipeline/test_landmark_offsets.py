@@ -61,7 +61,7 @@ def test_a_deviation_is_told_in_the_carriers_rest_axes():
     table = knee(9.0)
     pixels = np.zeros((8, COUNT, 2))
     pixels[:, 25] = seen(np.array([0.22, 0.0, 0.0]))
-    found = Detections(pixels, np.zeros((8, COUNT, 3)), np.ones((8, COUNT)))
+    found = Detections(pixels, np.zeros((8, COUNT, 3)), np.ones((8, COUNT)), np.ones((8, 2)))
     deviation = deviations_mm(CAMERAS, found, posed, table)
     np.testing.assert_allclose(deviation, [[0.0, 0.0, 20.0]], atol=1e-3)
 

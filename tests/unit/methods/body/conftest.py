@@ -98,20 +98,23 @@ def _make_views(anny, person):
     Or of another, whose posed values are given.
     """
     from harness.core.mesh import Mesh
+    from harness.geometry.place import Place
     from harness.geometry.raycast import Raycaster
     from methods.body.detection import COUNT, Detections
     from methods.body.views import View, Views, frame_side_px
 
     hips = [list(anny.landmarks.landmarks).index(hip) for hip in (23, 24)]
 
-    def make(cameras, normals: bool = False, posed=person[1]) -> Views:
+    def make(cameras, normals: bool = False, posed=person[1], centre=(0.0, 0.0, 0.0)) -> Views:
         caster = Raycaster(Mesh(posed.vertices[0].double().numpy(), anny.faces))
         points = anny.landmark_points(posed)[0].double().numpy()
         views, pixels, space, confidence = [], [], [], []
+        place = Place(np.asarray(centre), 0.9, 0.4, True)
         for index, camera in enumerate(cameras):
             coverage = caster.coverage(camera, supersample=3)
             wanted = caster.normals(camera, "camera") if normals else None
-            views.append(View(index, camera, coverage, frame_side_px(coverage > 0.5), wanted))
+            side = frame_side_px(coverage > 0.5)
+            views.append(View(index, camera, coverage, side, place, wanted))
             seen = points @ camera.rotation.T
             for store, size, values in (
                 (pixels, 2, camera.project(points)[0]),
@@ -121,7 +124,8 @@ def _make_views(anny, person):
                 full = np.zeros((COUNT, size))
                 full[anny.landmarks.landmarks] = values
                 store.append(full)
-        found = Detections(np.array(pixels), np.array(space), np.array(confidence)[..., 0])
+        hands = np.ones((len(views), 2))
+        found = Detections(np.array(pixels), np.array(space), np.array(confidence)[..., 0], hands)
         return Views(tuple(views), found, {})
 
     make.ring = _ring

@@ -17,26 +17,12 @@ from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.body.detection import detect
 from methods.body.views import load_views
-from methods.body_fit import PAPER, BodyFit, body_average, body_front, jmbo8, jmbo8_paper
-from methods.estimated_normals import with_estimated_normals
+from methods.body_fit import BodyFit, body_average, body_front, jmbo8, jmbo8_plus
+from methods.estimated_normals import EstimatedNormals
+from methods.fit_settings import JMBO
 from methods.normals import NormalChoice
 
 SKIN = np.array([0.80, 0.60, 0.48])
-
-
-def photograph(mesh, camera, colours):
-    """A figure in soft light from the upper left, RGBA."""
-    caster = Raycaster(mesh)
-    fine = camera.resized(2 * camera.width, 2 * camera.height)
-    hits = caster.cast(fine)
-    normals = caster.normals_at(hits, fine, "camera")
-    light = 0.5 + 0.5 * np.clip(normals @ np.array([-0.4, 0.5, 0.76]), 0, 1)
-    colour = hits.interpolate(colours, mesh.faces) * light[..., None]
-    image = np.dstack([colour, hits.mask])
-    small = image.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))
-    alpha = small[..., 3:]
-    small[..., :3] /= np.where(alpha > 0, alpha, 1)
-    return np.round(255 * small).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +34,7 @@ def figure(anny, person):
 
 
 @pytest.fixture(scope="module")
-def capture(figure, make_views, tmp_path_factory):
+def capture(figure, make_views, photograph, tmp_path_factory):
     folder = tmp_path_factory.mktemp("figure")
     cameras = make_views.ring(8, height=480)
     for view, camera in enumerate(cameras):
@@ -81,7 +67,10 @@ def context(tmp_path, figure):
         seed=0,
         workdir=tmp_path,
         stage=lambda _: contextlib.nullcontext(),
-        privileged={"oracle_normals": lambda camera: caster.normals(camera, "camera")},
+        privileged={
+            "oracle_normals": lambda camera: caster.normals(camera, "camera"),
+            "subject_centre": figure[0].bounds.mean(axis=0),
+        },
     )
 
 
@@ -93,7 +82,7 @@ def joint_error_mm(body, anny, person):
 
 @pytest.mark.slow
 def test_a_person_is_found_in_every_view(capture, anny, person):
-    found = detect(capture)
+    found = detect(capture, range(8))
     assert found.found.all()
     points = person[2]
     nose = list(anny.landmarks.landmarks).index(0)
@@ -107,19 +96,20 @@ def test_the_joint_fit_is_better_than_the_average_and_that_than_one_view(
     capture, context, anny, person
 ):
     exact = {"uncovered": "1.0", "standoff_m": "0.0", "normals": "oracle", "iterations": "80"}
-    fits = [body_front, body_average, jmbo8.configured({**exact, "landmark": "0.1"})]
+    joint = jmbo8_plus.configured({f"body.{name}": text for name, text in exact.items()})
+    fits = [body_front, body_average, joint]
     results = [fit.reconstruct(capture, context) for fit in fits]
     front, mean, joint = (joint_error_mm(r.body, anny, person) for r in results)
     assert joint < mean < front
     assert joint < 10
     np.testing.assert_array_equal(results[2].mesh.vertices, results[2].body.vertices)
-    assert "box is at the rig's centre" in str(results[0].details["depth"])
+    assert "height prior decides" in str(results[0].details["depth"])
     assert results[2].details["swapped_views"] == []
 
 
 @pytest.mark.slow
 def test_equal_seeds_give_equal_bodies(capture, context):
-    quick = jmbo8.configured({"iterations": "4"})
+    quick = jmbo8_plus.configured({"body.iterations": "4"})
     first, again = (quick.reconstruct(capture, context).mesh.vertices for _ in range(2))
     np.testing.assert_allclose(first, again, atol=1e-5)
 
@@ -128,7 +118,7 @@ def test_equal_seeds_give_equal_bodies(capture, context):
 @pytest.mark.parametrize("views", [(0,), (0, 4), (1, 2, 6)])
 def test_any_views_will_do(capture, context, views, tmp_path):
     some = some_views(capture, views, tmp_path)
-    fit = BodyFit("some", "Some", tuple(range(16)), replace(PAPER, iterations=3, start="landmarks"))
+    fit = BodyFit("some", "Some", tuple(range(16)), replace(JMBO, iterations=3, start="landmarks"))
     result = fit.reconstruct(some, context)
     assert result.details["views_used"] == list(range(len(views)))
     assert 1.2 < result.mesh.extent[1] < 2.3
@@ -152,7 +142,7 @@ def noisy_cameras(cameras, rotation_deg, centre_m, seed):
 def test_noisy_cameras_cost_millimetres_and_not_the_fit(capture, context, anny, person):
     noisy = replace(capture, cameras=noisy_cameras(capture.cameras, 0.2, 0.005, seed=1))
     clean, worse = (
-        joint_error_mm(jmbo8.reconstruct(one, context).body, anny, person)
+        joint_error_mm(jmbo8_plus.reconstruct(one, context).body, anny, person)
         for one in (capture, noisy)
     )
     # 0.2 degrees at 3 m and 5 mm are together some 12 mm, and eight views average.
@@ -172,61 +162,101 @@ def test_a_view_without_a_person_is_left_out_and_said_so(capture, context, tmp_p
 def test_no_person_at_all_is_an_error(capture, context, tmp_path):
     some = some_views(capture, (0, 1), tmp_path)
     blank(some, [0, 1])
-    assert not detect(some).found.any()
+    assert not detect(some, range(2)).found.any()
     with pytest.raises(MethodError, match="no view shows a person.*view 0: no person"):
-        jmbo8.reconstruct(some, context)
+        jmbo8_plus.reconstruct(some, context)
 
 
 @pytest.mark.slow
 def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
     """The body's own normals stand in for a network's: the answer is known at every pixel."""
     views = load_views(capture, (0, 3), 256)
-    with_normals = with_estimated_normals(capture, views, figure[0], NormalChoice("body"))
-    caster = Raycaster(figure[0])
-    for view in with_normals.views:
+    mesh = figure[0]
+    normals_of = EstimatedNormals(capture, views, mesh.faces, NormalChoice("body"))
+    caster = Raycaster(mesh)
+    for view, normals in zip(views.views, normals_of(mesh.vertices), strict=True):
         truth = caster.normals(view.camera, "camera")
-        both = truth.any(axis=2) & view.normals_camera.any(axis=2)
+        both = truth.any(axis=2) & normals.any(axis=2)
         assert both.sum() > 0.97 * truth.any(axis=2).sum()
-        cosine = (truth * view.normals_camera).sum(axis=2)[both]
+        cosine = (truth * normals).sum(axis=2)[both]
         assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 1.5
-        np.testing.assert_allclose(np.linalg.norm(view.normals_camera[both], axis=1), 1.0)
+        np.testing.assert_allclose(np.linalg.norm(normals[both], axis=1), 1.0)
 
 
 @pytest.mark.slow
 def test_the_papers_form_compares_normals_and_names_the_network(capture, context):
-    result = jmbo8_paper.configured({"iterations": "2"}).reconstruct(capture, context)
+    result = jmbo8.configured({"body.iterations": "2"}).reconstruct(capture, context)
     before, after = result.details["jmbo"]["terms"]["normal"]
     assert before > 0
     assert after > 0
-    assert "normal estimator" in [part.role for part in jmbo8_paper.info.parts]
+    assert "normal estimator" in [part.role for part in jmbo8.info.parts]
+
+
+@pytest.mark.slow
+def test_normals_estimated_anew_change_the_fit(capture, context):
+    once, anew = (
+        jmbo8.configured({"body.iterations": "3", "body.normals_every": every})
+        .reconstruct(capture, context)
+        .details["jmbo"]["cost"]
+        for every in ("0", "1")
+    )
+    assert once[0] == anew[0]
+    assert once[1] != anew[1]
+
+
+@pytest.mark.slow
+def test_one_view_opens_no_other_photo(capture, context, tmp_path):
+    """The side photos are broken, and nobody looks."""
+    some = some_views(capture, (0, 1, 2), tmp_path)
+    for view in (1, 2):
+        some.image_path(view).write_bytes(b"no picture")
+    result = body_front.reconstruct(some, context)
+    assert result.details["views_used"] == [0]
+
+
+@pytest.mark.slow
+def test_a_given_centre_holds_one_views_body_there(capture, context, figure):
+    given = body_front.configured({"body.depth": "subject-centre"})
+    result = given.reconstruct(capture, context)
+    middle = result.mesh.bounds.mean(axis=0) - figure[0].bounds.mean(axis=0)
+    assert abs(middle[2]) < 0.02
+    assert "given centre" in str(result.details["depth"])
+    assert "subject_centre" in given.info.privileges
+    assert "subject_centre" not in body_front.info.privileges
 
 
 @pytest.mark.parametrize("unused", [{"stage": "average"}, {"normal": "0"}, {"normals": "off"}])
 def test_a_network_that_is_not_run_is_not_named(unused):
-    roles = [part.role for part in jmbo8_paper.configured(unused).info.parts]
+    settings = {f"body.{name}": text for name, text in unused.items()}
+    roles = [part.role for part in jmbo8.configured(settings).info.parts]
     assert "normal estimator" not in roles
 
 
 def test_settings_are_checked_and_recorded():
-    oracle = jmbo8.configured({"normals": "oracle", "iterations": "7"})
+    oracle = jmbo8.configured({"body.normals": "oracle", "body.iterations": "7"})
     assert "oracle_normals" in oracle.info.privileges
     assert "oracle_normals" not in jmbo8.info.privileges
-    assert oracle.info.parameters["iterations"] == 7
-    with pytest.raises(HarnessError, match="setting 'body' cannot be 'smpl'.*anny or smplx"):
-        jmbo8.configured({"body": "smpl"})
+    assert oracle.info.parameters["body"]["iterations"] == 7
+    with pytest.raises(HarnessError, match="setting 'model' cannot be 'smpl'.*anny or smplx"):
+        jmbo8.configured({"body.model": "smpl"})
+    with pytest.raises(HarnessError, match="unknown setting 'iterations'.*'body.iterations'"):
+        jmbo8.configured({"iterations": "7"})
 
 
 def test_what_a_stage_does_not_use_is_not_in_its_key():
-    assert "silhouette" in jmbo8.info.parameters
-    assert "silhouette" not in body_front.info.parameters
+    assert "silhouette" in jmbo8.info.parameters["body"]
+    assert "silhouette" not in body_front.info.parameters["body"]
+    assert "depth" in body_front.info.parameters["body"]
+    assert "depth" not in jmbo8.info.parameters["body"]
     assert body_front.info.views == (0,)
 
 
 def test_a_licensed_file_is_recorded_by_content_and_not_by_path(tmp_path):
     path = tmp_path / "SMPLX_NEUTRAL.npz"
     path.write_bytes(b"x")
-    fit = jmbo8.configured({"body": "smplx", "smplx_model": str(path)})
+    fit = jmbo8.configured({"body.model": "smplx", "body.model_file": str(path)})
     part = fit.info.parts[0]
     assert part.name == "SMPL-X"
     assert len(part.sha256) == 64
     assert str(tmp_path) not in str(fit.info.to_dict())
+    assert "body.model" not in [deviation.what for deviation in fit.info.deviations]

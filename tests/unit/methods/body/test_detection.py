@@ -15,7 +15,12 @@ def reading() -> Reading:
     random = np.random.default_rng(0)
     pixels = random.uniform(100, 200, (COUNT, 2))
     pixels[0], pixels[-1] = (150, 50), (150, 250)
-    return Reading(pixels, random.normal(size=(COUNT, 3)), random.uniform(0.2, 1.0, COUNT))
+    return Reading(
+        pixels,
+        random.normal(size=(COUNT, 3)),
+        random.uniform(0.2, 1.0, COUNT),
+        np.array([1.0, 0.0]),
+    )
 
 
 def test_the_mirror_image_of_a_mirror_image_is_the_picture(reading):
@@ -30,6 +35,7 @@ def test_a_left_wrist_in_the_mirror_is_a_right_one_as_far_from_the_other_side(re
     np.testing.assert_allclose(seen.pixels[left], reading.pixels[right] * (-1, 1) + (WIDTH, 0))
     np.testing.assert_allclose(seen.points_camera[left], reading.points_camera[right] * (-1, 1, 1))
     assert seen.confidence[left] == reading.confidence[right]
+    assert seen.hands.tolist() == [0.0, 1.0]
 
 
 def test_readings_that_agree_lose_no_trust(reading):

@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from methods.body.detection import MIRRORED
-from methods.body.jmbo import Weights, head_cost, optimise
+from methods.body.jmbo import head_cost, optimise
 from methods.body.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
 from methods.body.model import box_middle, neutral
+from methods.body.weights import Weights
 
 
 @pytest.fixture(autouse=True)

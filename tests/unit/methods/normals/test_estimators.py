@@ -126,17 +126,20 @@ def test_a_name_that_nobody_imported(places):
 
 
 def test_methods_can_do_without_a_network_that_is_not_there(places):
-    missing = econ.configured({"normals": "open"})
+    missing = econ.configured({"surface.normals": "open"})
     with pytest.raises(MissingPart, match="no network 'open-normals'"):
         _ = missing.info
-    parts = missing.configured({"normals": "body"}).info.parts
+    parts = missing.configured({"surface.normals": "body", "body.normals": "off"}).info.parts
     assert "normals of the fitted body" in [part.name for part in parts]
 
 
 def test_a_request_without_its_network_ends_before_any_work(places):
     with pytest.raises(MissingPart, match="no network 'open-normals'"):
-        resolve_method("econ", {"normals": "open"})
-    assert resolve_method("econ", {"normals": "body"}).info.name == "econ"
+        resolve_method("econ", {"surface.normals": "open"})
+    assert (
+        resolve_method("econ", {"surface.normals": "body", "body.normals": "off"}).info.name
+        == "econ"
+    )
 
 
 def test_another_network_is_another_record(places, save_network):
@@ -145,7 +148,7 @@ def test_another_network_is_another_record(places, save_network):
     for trained in ("avatars-train t00001", "avatars-train t00002"):
         path = save_network(places / "net.onnx", training_set=trained)
         installed.import_file(path, "open-normals", installed.shipped_place(), replace=True)
-        info = econ.configured({"normals": "open"}).info.to_dict()
+        info = econ.configured({"surface.normals": "open"}).info.to_dict()
         keys.add(record_key(info, capture, protocol, 0))
         assert str(places) not in str(info)
     assert len(keys) == 2

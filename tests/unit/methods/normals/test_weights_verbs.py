@@ -30,7 +30,7 @@ def test_import_list_verify(harness, places, save_network):
     path = save_network(places / "mirror.onnx")
     code, told, _ = harness("import", str(path))
     assert code == 0
-    assert "--set normals=onnx --set normals_model=mirror" in told
+    assert "--set surface.normals=onnx --set surface.normals_model=mirror" in told
     code, told, _ = harness("list")
     assert "mirror " in told
     for text in ("0.0 MiB", "Apache-2.0", "avatars-train t00001", "imported"):
@@ -63,6 +63,6 @@ def test_names_and_bad_files(harness, places, save_network):
 def test_what_is_to_be_shipped_goes_into_the_package(harness, places, save_network):
     path = save_network(places / "n.onnx")
     code, told, _ = harness("import", str(path), "--name", "open-normals", "--ship")
-    assert (code, "--set normals=open" in told) == (0, True)
+    assert (code, "--set surface.normals=open" in told) == (0, True)
     assert (places / "shipped" / "open-normals.onnx").is_file()
     assert json.loads(harness("verify", "open-normals", "--json")[1])[0]["place"] == "shipped"

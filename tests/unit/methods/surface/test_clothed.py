@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.artifacts import Body, Capture, Reconstruction, image_name
+from harness.core.artifacts import Body, Capture, image_name
 from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
@@ -18,8 +18,10 @@ from harness.core.rigs import RingRig
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.sides import SidedRaycaster
+from methods.body_fit import BodyFit, FittedBody
 from methods.econ import econ
-from methods.mexecon import mexecon2, mexecon8
+from methods.fit_settings import JMBO
+from methods.mexecon import mexecon2, mexecon8, mexecon_plus, oracle8
 from methods.surface import clothed
 from methods.surface.clothed import ClothedMethod
 from methods.surface.pinches import open_edges
@@ -53,21 +55,18 @@ def capture(tmp_path_factory) -> Capture:
     return Capture("toy", "egg", "tiny", "key", folder, cameras)
 
 
-class KnownBody:
+class KnownBody(BodyFit):
     """Stands where a fit would: the figure without its clothes."""
 
     info = MethodInfo("known", "Known body", privileges=(Privilege.KNOWN_CAMERAS,))
 
-    def __init__(self, settings: object = None) -> None:
-        self.settings = settings
+    def __init__(self) -> None:
+        super().__init__("known", "Known body", tuple(range(8)), JMBO)
 
-    def configured(self, _: object) -> KnownBody:
-        return self
-
-    def reconstruct(self, _: Capture, __: Context) -> Reconstruction:
+    def fitted(self, _: Capture, __: Context) -> FittedBody:
         mesh = figure(-CLOTH_M)
         body = Body("egg", mesh.vertices, np.zeros((1, 3)), mesh.faces, {})
-        return Reconstruction(mesh=mesh, body=body, details={"views_used": list(range(8))})
+        return FittedBody(body, tuple(range(8)), (True, False), {})
 
 
 @pytest.fixture
@@ -75,14 +74,16 @@ def small(monkeypatch):
     """``small(method, normals)``: the method with the known body, in the small."""
     vertices = figure().vertices
     regions = {
-        "hands": vertices[:, 0] > CENTRE[0] + 0.27,
+        "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
+        "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
         "face": np.zeros(len(vertices), bool),
         "eyeballs": np.zeros(len(vertices), bool),
     }
     monkeypatch.setattr(clothed, "_regions", lambda _: regions)
 
     def build(method: ClothedMethod, normals: str) -> ClothedMethod:
-        method = method.configured({"normals": normals, "resolution": "160", "poisson_depth": "7"})
+        own = {"normals": normals, "resolution": "160", "poisson_depth": "7"}
+        method = method.configured({f"surface.{name}": text for name, text in own.items()})
         names = (method.info.name, method.info.title)
         return ClothedMethod(names, KnownBody(), method._plan, method.settings)
 
@@ -108,7 +109,9 @@ def distances_mm(mesh: Mesh) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", [econ, mexecon2, mexecon8], ids=lambda m: m.info.name)
+@pytest.mark.parametrize(
+    "method", [econ, mexecon2, mexecon8, mexecon_plus], ids=lambda m: m.info.name
+)
 def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_path):
     method = small(method, "oracle")
     result = method.reconstruct(capture, context(tmp_path))
@@ -156,38 +159,51 @@ def test_the_back_of_mexecon_is_made_of_the_back_view(small, capture, tmp_path):
 
 
 def test_records_tell_what_the_settings_are():
-    oracle = mexecon8.configured({"normals": "oracle"})
-    assert "oracle_normals" in oracle.info.privileges
+    assert "oracle_normals" in oracle8.info.privileges
     assert "oracle_normals" not in mexecon8.info.privileges
-    assert oracle.info.parameters["normals"] == "oracle"
-    estimators = [part.name for part in oracle.info.parts if part.role == "normal estimator"]
-    assert estimators == ["normals of the scan"]
+    estimators = [part.name for part in oracle8.info.parts if part.role == "normal estimator"]
+    assert estimators[-1] == "normals of the scan"
     assert (econ.info.views, mexecon2.info.views) == ((0,), (0, 4))
     assert mexecon8.info.views == tuple(range(8))
 
 
+def test_the_oracle_row_changes_normals_and_nothing_else():
+    ours, oracle = (dict(method.info.parameters) for method in (mexecon8, oracle8))
+    assert oracle["body"] == ours["body"]
+    assert oracle["surface"] == {**ours["surface"], "normals": "oracle"}
+    configured = mexecon8.configured({"surface.normals": "oracle"})
+    assert configured.info.parameters == oracle8.info.parameters
+
+
 def test_settings_reach_the_fit_or_the_surface():
-    changed = econ.configured({"iterations": "7", "poisson_depth": "8"})
-    assert changed.info.parameters["iterations"] == 7
-    assert changed.info.parameters["poisson_depth"] == 8
-    oracle = econ.configured({"normals": "oracle"})
-    assert (econ.settings.normals, econ.info.parameters["prior_weight"]) == ("open", 1e-3)
-    assert oracle.info.parameters["prior_weight"] == 1e-4
-    assert econ.configured({"prior_weight": "0.01"}).settings.integration.prior_weight == 0.01
-    assert mexecon2.settings.integration.thickness == 0.02
-    assert mexecon8.settings.integration.thickness == 0.0
-    assert mexecon8.configured({"clothes": "uniform"}).settings.integration.thickness == 0.02
+    changed = econ.configured({"body.iterations": "7", "surface.poisson_depth": "8"})
+    assert changed.info.parameters["body"]["iterations"] == 7
+    assert changed.info.parameters["surface"]["poisson_depth"] == 8
+    held = econ.configured({"surface.prior_weight": "0.01"})
+    assert held.settings.integration.prior_weight == 0.01
+    assert mexecon_plus.settings.integration.thickness == 0.0
     for wrong, message in (
-        ({"colour": "red"}, "unknown setting 'colour'"),
-        ({"hands": "gloves"}, "body or sheets"),
-        ({"clothes": "none"}, "uniform or silhouettes"),
-        ({"normals": "onnx"}, "do not go together"),
-        ({"poisson_depth": "30"}, "depth 4 to 12"),
-        ({"resolution": "1"}, "64 to 4096"),
-        ({"prior_weight": "-1"}, "positive k, prior_weight"),
+        ({"surface.colour": "red"}, "unknown setting 'surface.colour'"),
+        ({"poisson_depth": "9"}, "Did you mean 'surface.poisson_depth'"),
+        ({"normals": "open"}, "unknown setting 'normals'"),
+        ({"surface.hands": "gloves"}, "detected or body or sheets"),
+        ({"surface.clothes": "none"}, "uniform or silhouettes"),
+        ({"surface.normals": "onnx"}, "do not go together"),
+        ({"surface.poisson_depth": "30"}, "depth 4 to 12"),
+        ({"surface.resolution": "1"}, "64 to 4096"),
+        ({"surface.prior_weight": "-1"}, "positive k, prior_weight"),
+        ({"body.depth": "guess"}, "height-prior or subject-centre"),
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
+
+
+@pytest.mark.slow
+def test_only_hands_that_were_found_are_replaced(small, capture, tmp_path):
+    method = small(econ, "oracle")
+    method.reconstruct(capture, context(tmp_path))
+    hands = load_mesh(tmp_path / "hands.ply")
+    assert hands.vertices[:, 0].min() > CENTRE[0] + 0.2
 
 
 def test_without_the_privilege_nothing_is_shown(small, capture, tmp_path):

@@ -1,0 +1,109 @@
+"""Where a subject stands, as far as its silhouettes in calibrated photos tell.
+
+Methods start from this place and not from the world's origin, so that their results move with the
+cameras wherever the world's frame has been put.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.camera import Camera
+from harness.core.errors import MethodError
+
+__all__ = ["MEAN_HEIGHT_M", "Place", "mask_box", "place_of"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: What a person's silhouette is taken to span where a single view tells no distance.
+MEAN_HEIGHT_M = 1.70
+#: Weights in the least-squares problem, against 1 for a metre off the ray through a box's middle:
+#: a metre off the depth that a box's height suggests, and a metre off the mean height. The last
+#: decides only where no two cameras do.
+_SIZE_WEIGHT, _HEIGHT_WEIGHT = 0.1, 1e-3
+#: Cameras that are this far apart, in distances to the subject, tell where it stands.
+_LEAST_BASELINE = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """The middle of a subject and how it is known.
+
+    Attributes:
+        centre: (3,) world metres.
+        half_height_m, half_width_m: Half of what the silhouettes span there, the widest of all.
+        depth_is_known: Whether cameras apart from each other, or a privilege, tell the distance;
+            otherwise it follows from the mean height of people.
+    """
+
+    centre: Floats
+    half_height_m: float
+    half_width_m: float
+    depth_is_known: bool
+
+    def distance_m(self, camera: Camera) -> float:
+        """How far the middle is from a camera along its optical axis, metres."""
+        return float(camera.forward @ (self.centre - camera.position))
+
+
+def mask_box(mask: Mask) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of a mask (H, W) that is true somewhere, in pixels."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return float(columns[0]), float(rows[0]), float(columns[-1] + 1), float(rows[-1] + 1)
+
+
+def place_of(cameras: Sequence[Camera], masks: Sequence[Mask]) -> Place:
+    """The place of a subject from its silhouettes (H, W) in one or more cameras.
+
+    One linear least-squares problem: the middle lies on the ray through the middle of each box,
+    at the depth at which the box is as high as the subject, whose height is an unknown that the
+    views share.
+
+    Raises:
+        MethodError: a mask is empty, or the subject would be behind a camera.
+    """
+    if any(not mask.any() for mask in masks):
+        raise MethodError("a view shows no subject", expected="a mask that is not empty")
+    boxes = [mask_box(mask) for mask in masks]
+    rows: list[Floats] = [np.array([0.0, 0.0, 0.0, _HEIGHT_WEIGHT])]
+    values: list[float] = [_HEIGHT_WEIGHT * MEAN_HEIGHT_M]
+    for camera, (left, top, right, bottom) in zip(cameras, boxes, strict=True):
+        middle = np.array([[(left + right) / 2, (top + bottom) / 2]])
+        ray = camera.ray_directions(middle)[0]
+        ray = ray / np.linalg.norm(ray)
+        across = np.eye(3) - np.outer(ray, ray)
+        rows += [np.append(row, 0.0) for row in across]
+        values += (across @ camera.position).tolist()
+        depth_per_height = camera.K[1, 1] / (bottom - top)
+        rows.append(_SIZE_WEIGHT * np.append(camera.forward, -depth_per_height))
+        values.append(_SIZE_WEIGHT * float(camera.forward @ camera.position))
+    solution = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
+    return _spanned(solution[:3], cameras, boxes)
+
+
+def _spanned(
+    centre: Floats, cameras: Sequence[Camera], boxes: Sequence[tuple[float, float, float, float]]
+) -> Place:
+    """The place around a middle, with what the boxes (left, top, right, bottom) span there."""
+    depths = [float(camera.forward @ (centre - camera.position)) for camera in cameras]
+    if min(depths) <= 0:
+        raise MethodError(
+            "the silhouettes do not show one subject in front of all cameras",
+            expected="cameras that look at the subject",
+            got=f"a middle {min(depths):.2f} m in front of a camera",
+            hint="Check the cameras",
+        )
+    heights, widths = [], []
+    for camera, box, depth in zip(cameras, boxes, depths, strict=True):
+        left, top, right, bottom = box
+        widths.append((right - left) / 2 * depth / camera.K[0, 0])
+        heights.append((bottom - top) / 2 * depth / camera.K[1, 1])
+    positions = np.array([camera.position for camera in cameras])
+    baseline = np.linalg.norm(positions[:, None] - positions[None], axis=2).max()
+    known = bool(baseline > _LEAST_BASELINE * min(depths))
+    return Place(centre, max(heights), max(widths), known)

@@ -1,0 +1,50 @@
+"""What a publication states for a method, and how a method's settings differ from it.
+
+A method that carries a publication's name lists every difference. Differences in settings are found
+by comparison, so that none can be forgotten; a setting that differs without a written reason was
+set by the user. Differences that no setting shows are written down as steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from harness.core.protocols import Deviation
+
+__all__ = ["SET_BY_USER", "Published"]
+
+#: The reason of a difference that the method's author gave none for.
+SET_BY_USER = "set by the user"
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """A published method.
+
+    Attributes:
+        source: The publication, and the public code where it says more.
+        settings: Published values by ``room.setting``. A setting that is not listed is one that the
+            publication does not have; ``None`` stands for a setting that follows from the photos.
+        reasons: Why a setting differs by default, by ``room.setting``.
+        steps: Differences that no setting shows.
+    """
+
+    source: str
+    settings: Mapping[str, object]
+    reasons: Mapping[str, str] = field(default_factory=dict[str, str])
+    steps: tuple[Deviation, ...] = ()
+
+    def deviations(self, parameters: Mapping[str, Mapping[str, object]]) -> tuple[Deviation, ...]:
+        """Every difference of a method with these nested parameters, settings first."""
+        found = []
+        for path, published in self.settings.items():
+            room, _, name = path.partition(".")
+            # What a stage does not use is not among its parameters.
+            if name not in parameters.get(room, {}):
+                continue
+            here = parameters[room][name]
+            if here != published:
+                why = self.reasons.get(path, SET_BY_USER)
+                found.append(Deviation(path, str(published), str(here), why))
+        return (*found, *self.steps)
