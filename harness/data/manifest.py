@@ -17,6 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 from harness.core.rigs import RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe
+from harness.core.units import UNITS_RULE
 
 __all__ = [
     "Dataset",
@@ -28,7 +29,7 @@ __all__ = [
     "subject_range",
 ]
 
-_SCALE_RULE = re.compile(r"fit|metres|height=\d+(\.\d+)?")
+_SCALE_RULE = re.compile(rf"fit|metres|{UNITS_RULE}|height=\d+(\.\d+)?")
 _RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d+)\.\.(?P<prefix2>\D*)(?P<high>\d+)")
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
@@ -40,7 +41,7 @@ class _Strict(BaseModel):
 
 def _scale_rule(value: object) -> object:
     if not isinstance(value, str) or not _SCALE_RULE.fullmatch(value):
-        raise ValueError("expected 'fit', 'metres' or 'height=<metres>'")
+        raise ValueError("expected 'fit', 'metres', 'units' or 'height=<metres>'")
     return value
 
 
@@ -69,8 +70,10 @@ class Dataset(_Strict):
         licence: Of the scans.
         root: Folder; ``${VARIABLE}`` is taken from the environment, relative paths from the
             workspace.
-        scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale) or ``height=1.75``.
-        facing: ``+z``, ``fit`` (the fit's global orientation) or the yaw in degrees by subject.
+        scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale), ``height=1.75``, or
+            ``units``: the scan keeps its own units, origin and axes, and 1 unit counts as 1 m.
+        facing: ``+z``, ``fit`` (the fit's global orientation) or the yaw in degrees by subject;
+            ``file`` with the scale ``units`` alone, which turns nothing.
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
@@ -84,7 +87,7 @@ class Dataset(_Strict):
     licence: str
     root: str
     scale: Annotated[str, BeforeValidator(_scale_rule)]
-    facing: Literal["+z", "fit"] | dict[str, float]
+    facing: Literal["+z", "fit", "file"] | dict[str, float]
     subjects: tuple[str, ...]
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
     scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
@@ -105,6 +108,15 @@ class Dataset(_Strict):
     def _only_generated_scans_take_noise(self) -> Dataset:
         if self.scan_noise_mm and self.kind != "generated":
             raise ValueError("scan_noise_mm is for datasets of kind 'generated' only")
+        return self
+
+    @model_validator(mode="after")
+    def _own_units_keep_the_own_frame(self) -> Dataset:
+        if (self.scale == UNITS_RULE) != (self.facing == "file"):
+            raise ValueError(
+                "'scale: units' and 'facing: file' go together: such a scan is neither scaled nor "
+                f"turned (got 'scale: {self.scale}', 'facing: {self.facing}')"
+            )
         return self
 
     @model_validator(mode="after")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import NormalMaps, Scan
 from harness.core.mesh import Mesh
+from harness.core.rigs import camera_yaw_deg
 from harness.geometry.sides import Side, SidedRaycaster
 from harness.pipeline.region_scoring import labelled_faces
 from metrics.normal_maps import angular_error_map, angular_errors
@@ -90,7 +91,8 @@ def _entry(
     clothed = None if worn is None else worn[true.face[true.compared]]
     return {
         "view": maps.view,
-        "yaw_deg": _yaw_deg(maps),
+        # Whole degrees; a crop or a resized camera stands where its view does.
+        "yaw_deg": float(round(camera_yaw_deg(maps.camera)) % 360),
         "side": side,
         "clothed": None if clothed is None else _summaries(errors_deg, clothed),
         "all": _summaries(errors_deg, slice(None)),
@@ -99,9 +101,3 @@ def _entry(
 
 def _summaries(errors_deg: dict[str, Floats], chosen: Mask | slice) -> dict[str, object]:
     return {name: angular_errors(values[chosen]).to_dict() for name, values in errors_deg.items()}
-
-
-def _yaw_deg(maps: NormalMaps) -> float:
-    """Of the camera, whole degrees, 0 to 359, growing towards the subject's left."""
-    x, _, z = maps.camera.position
-    return float(np.round(np.degrees(np.arctan2(x, z))) % 360)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
@@ -51,7 +50,7 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
             errors = _vertex_errors_mm(mesh, truth)
             largest = max(largest, float(np.percentile(errors, _SCALE_PERCENTILE)))
             meshes.append(MethodMesh(title, mesh, errors))
-        capture = Capture.load(source.capture_directory(subject))
+        capture = source.capture(subject)
         panels.append(SubjectPanels(capture, truth, tuple(meshes)))
     qualitative_grid(panels, path, ErrorScale(limit=largest))
     return path
@@ -64,7 +63,7 @@ def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Pa
     subject = source.subjects[0]
     method = next(iter(_complete_methods(records, (subject,))))
     mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
-    overlay_figure(mesh, Capture.load(source.capture_directory(subject)), path)
+    overlay_figure(mesh, source.capture(subject), path)
     return path
 
 
@@ -94,7 +93,7 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     true = TrueBody.of(scan)
     same = true is not None and len(true.vertices) == len(rows[0].mesh.vertices)
     truth = Mesh(true.vertices, faces, source="true body") if true and same else None
-    body_overlay(rows, truth, Capture.load(source.capture_directory(subject)), path)
+    body_overlay(rows, truth, source.capture(subject), path)
     return path
 
 
@@ -151,7 +150,7 @@ def _failure_row(
             mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
             found = FailedMesh(mesh, _vertex_errors_mm(mesh, truth), failure)
         panels.append(FailurePanel(title, found))
-    capture = Capture.load(source.capture_directory(subject))
+    capture = source.capture(subject)
     names = np.array(regions.names)[regions.of_face]
     return FailureRow(capture, truth, names, tuple(panels))
 

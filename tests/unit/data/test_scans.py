@@ -141,3 +141,26 @@ def test_check_tells_present_missing_and_corrupt(tmp_path):
     assert states["material0.jpeg"] == ("present", "")
     assert states["smplx_param.pkl"] == ("missing", "")
     assert {c.state for c in check_subject(tmp_path, "9", needs_fit=True, sha256={})} == {"missing"}
+
+
+def test_a_scan_in_its_own_units_is_neither_scaled_nor_centred_nor_turned(tmp_path):
+    # 0.58 units high and standing elsewhere: no person in metres, and nothing to refuse or report.
+    there = turned(wedge(0.58), 40)
+    write_scan(tmp_path / "model/0001", "0001", there)
+    rule = dataset(scale="units", facing="file")
+    found, mesh = load_scan("t", rule, tmp_path, "0001")
+    np.testing.assert_allclose(mesh.vertices, there.vertices, atol=1e-6)
+    np.testing.assert_array_equal(found.scan_to_world, np.eye(4))
+    np.testing.assert_allclose(load_world_mesh(found).vertices, mesh.vertices)
+    assert found.warnings == ()
+    assert mesh.texture is not None
+    assert found.identity()["scale_rule"] == "units"
+
+
+@pytest.mark.parametrize(
+    ("scale", "facing"),
+    [("units", "+z"), ("units", "fit"), ("units", {"0001": 90.0}), ("metres", "file")],
+)
+def test_own_units_and_the_files_own_axes_go_together(scale, facing):
+    with pytest.raises(ValueError, match="'scale: units' and 'facing: file' go together"):
+        dataset(scale=scale, facing=facing)
