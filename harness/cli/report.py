@@ -23,7 +23,11 @@ __all__ = ["report"]
 
 def report(
     table: Annotated[
-        str, typer.Option("--table", help="geometry, paired, cost, jmbo, regions or normals.")
+        str,
+        typer.Option(
+            "--table",
+            help="geometry, paired, cost, jmbo, regions, normals; published: the authors' results.",
+        ),
     ] = "geometry",
     form: Annotated[
         str, typer.Option("--format", help="markdown, latex, csv or json.")
@@ -38,6 +42,9 @@ def report(
     ] = False,
     published: Annotated[
         bool, typer.Option("--published", help="The paper's own numbers, as a marked block.")
+    ] = False,
+    paired: Annotated[
+        bool, typer.Option("--paired", help="With --table published: differences by subject.")
     ] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write to this file.")
@@ -54,13 +61,19 @@ def report(
 ) -> None:
     """Print a table of a run's records, or draw a figure of its meshes."""
     from harness.core.files import write_text
-    from harness.pipeline.reporting import ReportRequest, build_table, in_order
+    from harness.pipeline.reporting import (
+        PUBLISHED_TABLE,
+        ReportRequest,
+        build_published,
+        build_table,
+        in_order,
+    )
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
 
     place = Workspace.default(workspace)
-    store = RunStore.existing(place, run)
     if figure:
+        store = RunStore.existing(place, run)
         draw = _figure(figure)
         records = in_order(store.records(), split_names(method))
         source = _source(store, records, place, manifest, split_names(subjects))
@@ -73,8 +86,12 @@ def report(
         subjects=split_names(subjects) or None,
         interval=interval,
         published=published,
+        paired=paired,
     )
-    text = build_table(store.records(), request)
+    if table == PUBLISHED_TABLE:
+        text = build_published(request)
+    else:
+        text = build_table(RunStore.existing(place, run).records(), request)
     if output is None:
         print(text, end="" if text.endswith("\n") else "\n")
     else:
