@@ -94,7 +94,7 @@ def _by_subject(method: str) -> dict[str, dict[str, float]]:
 def _record(method: str, subject: str, values: Mapping[str, float]) -> Record:
     return Record(
         key="",
-        method=MethodInfo(method, STORED_METHODS[method], "published").to_dict(),
+        method=MethodInfo(method, STORED_METHODS[method]).to_dict(),
         dataset="THuman 2.1",
         subject=subject,
         recipe="of the authors",
