@@ -55,6 +55,8 @@ class Scan:
         warnings: What a reader of the numbers should know, such as an unusual height.
         body_path: Parameters and vertices of the true body, where the dataset has them.
         labels_path: Per-face region labels, where the dataset has them.
+        front_yaw_deg: Where the subject faces in the world, from +Z towards +X; not 0 only under
+            the scale rule ``units``, which turns nothing.
     """
 
     dataset: str
@@ -67,6 +69,7 @@ class Scan:
     warnings: tuple[str, ...] = ()
     body_path: Path | None = None
     labels_path: Path | None = None
+    front_yaw_deg: float = 0.0
 
     def identity(self) -> dict[str, object]:
         """What makes two scans the same: content and rules, not where they lie."""
@@ -97,6 +100,7 @@ class Capture:
         cameras: One camera per view, in order.
         warnings: For instance views in which the frame cuts the subject.
         provenance: Recipe, scan identity, renderer, device, proof; as in ``capture.json``.
+        front_yaw_deg: Where the subject faces, as in its ``Scan``.
         numbers: The recipe's number of each view where they are counted otherwise, as by
             ``from_front``; empty where views have their own numbers.
     """
@@ -109,6 +113,7 @@ class Capture:
     cameras: tuple[Camera, ...]
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict[str, object])
+    front_yaw_deg: float = 0.0
     numbers: tuple[int, ...] = ()
 
     def image_path(self, view: int) -> Path:
@@ -121,7 +126,7 @@ class Capture:
         View 0 is frontal, the others follow by yaw towards the subject's left, whatever numbers the
         recipe's rig gives them; files keep their names.
         """
-        order = views_from_front(self.cameras)
+        order = views_from_front(self.cameras, self.front_yaw_deg)
         return replace(
             self,
             cameras=tuple(self.cameras[view] for view in order),
@@ -139,6 +144,7 @@ class Capture:
             "recipe": self.recipe,
             "key": self.key,
             "cameras": [by_number[number].to_dict() for number in sorted(by_number)],
+            "front_yaw_deg": self.front_yaw_deg,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
@@ -169,6 +175,8 @@ class Capture:
                 cameras=tuple(Camera.from_dict(entry) for entry in document["cameras"]),
                 warnings=tuple(document["warnings"]),
                 provenance=dict(document["provenance"]),
+                # Photos made before this was written down are of scans that face +Z.
+                front_yaw_deg=float(document.get("front_yaw_deg", 0.0)),
             )
         except DataError as error:
             raise error.located(path) from error

@@ -27,13 +27,14 @@ def camera_yaw_deg(camera: Camera) -> float:
     return round(math.degrees(math.atan2(x, z)), 6) % 360
 
 
-def views_from_front(cameras: Sequence[Camera]) -> tuple[int, ...]:
+def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> tuple[int, ...]:
     """The numbers of all views, the frontal one first, then by yaw towards the subject's left.
 
-    The frontal view is the one that stands nearest to +Z, which the subject faces. Of eight even
-    views the third is then the left side and the fifth the back, however a rig numbers them.
+    The frontal view is the one that stands nearest to where the subject faces, by default +Z. Of
+    eight even views the third is then the left side and the fifth the back, however a rig numbers
+    them.
     """
-    yaws_deg = [camera_yaw_deg(camera) for camera in cameras]
+    yaws_deg = [round(camera_yaw_deg(camera) - front_yaw_deg, 6) % 360 for camera in cameras]
     front_deg = min(yaws_deg, key=lambda yaw_deg: min(yaw_deg, 360 - yaw_deg), default=0.0)
     return tuple(
         sorted(range(len(yaws_deg)), key=lambda view: round(yaws_deg[view] - front_deg, 6) % 360)

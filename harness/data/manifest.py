@@ -72,8 +72,9 @@ class Dataset(_Strict):
             workspace.
         scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale), ``height=1.75``, or
             ``units``: the scan keeps its own units, origin and axes, and 1 unit counts as 1 m.
-        facing: ``+z``, ``fit`` (the fit's global orientation) or the yaw in degrees by subject;
-            ``file`` with the scale ``units`` alone, which turns nothing.
+        facing: Where subjects face in their files: ``+z``, ``fit`` (the fit's global orientation)
+            or the yaw in degrees by subject. They are turned to +Z; under the scale ``units`` they
+            are not, and it only decides which view is the front.
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
@@ -87,7 +88,7 @@ class Dataset(_Strict):
     licence: str
     root: str
     scale: Annotated[str, BeforeValidator(_scale_rule)]
-    facing: Literal["+z", "fit", "file"] | dict[str, float]
+    facing: Literal["+z", "fit"] | dict[str, float]
     subjects: tuple[str, ...]
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
     scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
@@ -108,15 +109,6 @@ class Dataset(_Strict):
     def _only_generated_scans_take_noise(self) -> Dataset:
         if self.scan_noise_mm and self.kind != "generated":
             raise ValueError("scan_noise_mm is for datasets of kind 'generated' only")
-        return self
-
-    @model_validator(mode="after")
-    def _own_units_keep_the_own_frame(self) -> Dataset:
-        if (self.scale == UNITS_RULE) != (self.facing == "file"):
-            raise ValueError(
-                "'scale: units' and 'facing: file' go together: such a scan is neither scaled nor "
-                f"turned (got 'scale: {self.scale}', 'facing: {self.facing}')"
-            )
         return self
 
     @model_validator(mode="after")

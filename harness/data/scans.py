@@ -73,7 +73,7 @@ def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Sc
 
     The world frame has +Y up, the subject facing +Z, and the bounding box centred at the origin.
     Under the rule ``units`` the world is the file's own frame and 1 unit counts as 1 m; no height
-    is then out of the ordinary.
+    is then out of the ordinary, and the facing rule only tells where the front is.
 
     Raises:
         DataError: missing files, a broken mesh, a fit that is needed but not there, or a height
@@ -81,11 +81,12 @@ def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Sc
     """
     scan = locate_scan(name, dataset, root, subject)
     mesh = load_mesh(scan.mesh_path, texture=True)
-    if dataset.scale == UNITS_RULE:
-        return scan, mesh
     fit = find_subject(root, subject).fit
+    yaw = _facing_yaw(dataset, subject, fit)
+    if dataset.scale == UNITS_RULE:
+        return replace(scan, front_yaw_deg=math.degrees(yaw)), mesh
     scale = _metres_per_unit(dataset, subject, fit, mesh)
-    scan_to_world = _placement(mesh, scale, _facing_yaw(dataset, subject, fit))
+    scan_to_world = _placement(mesh, scale, yaw)
     world_mesh = mesh.transformed(scan_to_world)
     warnings = _height_warnings(subject, dataset, float(world_mesh.extent[1]))
     return replace(scan, scan_to_world=scan_to_world, warnings=warnings), world_mesh

@@ -72,8 +72,17 @@ def normal_details(maps: Sequence[NormalMaps], scan: Scan, truth: Mesh) -> dict[
     regions = labelled_faces(scan, truth)
     worn = None if regions is None else regions.worn
     caster = SidedRaycaster(truth.geometry())
-    entries = [_entry(each, side, caster, worn) for each in maps for side in SIDES]
+    entries = [
+        {"view": each.view, "yaw_deg": _yaw_deg(each, scan), **_entry(each, side, caster, worn)}
+        for each in maps
+        for side in SIDES
+    ]
     return {"normal_maps": entries}
+
+
+def _yaw_deg(maps: NormalMaps, scan: Scan) -> float:
+    """Of the camera from the subject's front, whole degrees, 0 to 359, towards its left."""
+    return float(round(camera_yaw_deg(maps.camera) - scan.front_yaw_deg) % 360)
 
 
 def _entry(
@@ -90,9 +99,6 @@ def _entry(
     }
     clothed = None if worn is None else worn[true.face[true.compared]]
     return {
-        "view": maps.view,
-        # Whole degrees; a crop or a resized camera stands where its view does.
-        "yaw_deg": float(round(camera_yaw_deg(maps.camera)) % 360),
         "side": side,
         "clothed": None if clothed is None else _summaries(errors_deg, clothed),
         "all": _summaries(errors_deg, slice(None)),

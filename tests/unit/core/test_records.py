@@ -160,6 +160,9 @@ def test_photos_counted_from_the_front_keep_their_files_and_their_form_on_disk(
     assert seen.to_dict() == filed.to_dict()
     # Once counted from the front, they stay so.
     assert seen.from_front().numbers == seen.numbers
+    sideways = replace(filed, front_yaw_deg=90.0)
+    assert sideways.from_front().image_path(0).name == "00.png"
+    assert sideways.from_front().to_dict() == sideways.to_dict()
     ring8 = replace(filed, cameras=RingRig().cameras(27, 48))
     assert ring8.from_front().image_path(3) == ring8.image_path(3)
 

@@ -71,6 +71,9 @@ def test_views_are_counted_from_the_front_however_the_rig_numbers_them() -> None
         1, 2, 3, 0,
     )  # fmt: skip
     assert views_from_front(()) == ()
+    # A subject that faces +X has its left on -Z; one that faces 100 degrees is nearest to that.
+    for yaw_deg in (90, 100):
+        assert views_from_front(RingRig(4).cameras(9, 9), yaw_deg) == (1, 2, 3, 0)
 
 
 def test_a_lifted_ring_keeps_its_radius_and_looks_at_the_centre() -> None:

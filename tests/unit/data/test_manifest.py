@@ -31,7 +31,7 @@ def test_the_shipped_manifest_is_the_paper():
     example = manifest.recipe("published8")
     assert (example.width, example.height, example.rig.first_yaw_deg) == (1920, 1080, 90.0)
     units = manifest.datasets["thuman21-units"]
-    assert (units.scale, units.facing, units.subjects) == ("units", "file", PAPER_IDS)
+    assert (units.scale, units.facing, units.subjects) == ("units", "+z", PAPER_IDS)
     assert (
         manifest.splits["thuman21-units-published"].subjects
         == manifest.splits["thuman21-published"].subjects

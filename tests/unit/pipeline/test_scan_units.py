@@ -43,17 +43,17 @@ def records(tmp_path_factory):
         (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.png\n")
         save_png(folder / "material0.png", np.full((8, 8, 3), 200, np.uint8))
 
-    def scored(scale, facing, name):
+    def scored(scale, name):
         dataset = Dataset(
             title="Plates", kind="thuman", licence="own", root="scans",
-            scale=scale, facing=facing, subjects=("0001",),
+            scale=scale, facing="+z", subjects=("0001",),
         )  # fmt: skip
         store = RunStore(place / name)
         target = ("plates", dataset, place / "scans", ("0001",))
         request = FolderRequest(place / "meshes", name, name, target, PROTOCOL, store)
         return score_folder(request, Silent())[0]
 
-    return scored("units", "file", "own"), scored("metres", "+z", "centred")
+    return scored("units", "own"), scored("metres", "centred")
 
 
 def test_a_thousandth_of_a_unit_is_printed_as_a_millimetre(records):

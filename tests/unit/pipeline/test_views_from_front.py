@@ -21,7 +21,7 @@ MANIFEST = """\
 schema: 1
 datasets:
   toy:
-    {title: T, kind: thuman, licence: own, root: scans, scale: units, facing: file, subjects: [t1]}
+    {title: T, kind: thuman, licence: own, root: scans, scale: units, facing: "+z", subjects: [t1]}
 rigs:
   ring8: {views: 8}
   published8: {views: 8, first_yaw_deg: 90.0}

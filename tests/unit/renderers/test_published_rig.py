@@ -63,7 +63,7 @@ def person(tmp_path_factory):
         licence="own",
         root="scans",
         scale="units",
-        facing="file",
+        facing="+z",
         subjects=("0001",),
     )
     return load_scan("toy", dataset, folder.parents[1], "0001")
