@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,10 +66,18 @@ class PairedDifference:
     first_is_lower: int
 
 
-def bootstrap_interval(values: Sequence[float], *, level: float = 0.95, seed: int = 0) -> Interval:
+def bootstrap_interval(
+    values: Sequence[float],
+    *,
+    level: float = 0.95,
+    seed: int = 0,
+    method: Literal["BCa", "percentile"] = "BCa",
+    resamples: int = RESAMPLES,
+) -> Interval:
     """The mean of a value per subject, with its bootstrap interval over subjects.
 
-    Bias-corrected and accelerated (Efron, 1987), because one bad subject makes means skewed.
+    Bias-corrected and accelerated (Efron, 1987), because one bad subject makes means skewed; or the
+    plain percentiles of the resampled means, to compare with others who use those.
     Values that are all equal give an interval of no width.
 
     Raises:
@@ -85,9 +94,10 @@ def bootstrap_interval(values: Sequence[float], *, level: float = 0.95, seed: in
     found = bootstrap(
         (data,),
         np.mean,
-        n_resamples=RESAMPLES,
+        batch=RESAMPLES,
+        n_resamples=resamples,
         confidence_level=level,
-        method="BCa",
+        method=method,
         rng=np.random.default_rng(derive_seed(seed, "bootstrap")),
     ).confidence_interval
     return Interval(mean, float(found.low), float(found.high), n, level)

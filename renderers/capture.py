@@ -71,6 +71,7 @@ def capture(
             key=key,
             directory=directory,
             cameras=cameras,
+            front_yaw_deg=scan.front_yaw_deg,
             warnings=(*scan.warnings, *cut_warnings(proofs), *outcome.warnings),
             provenance=_provenance(scan, recipe, renderer, outcome, proofs)
             | {"timings": timings, "images": {name: file_sha256(folder / name) for name in images}},

@@ -17,7 +17,8 @@ def to_csv(table: Table) -> str:
     """One line per method and stage with unrounded numbers; empty where there is no number.
 
     Every line repeats dataset, recipe and protocol, so that lines of two files put together still
-    say what they are. Published numbers have ``published`` in their first column.
+    say what they are. Printed numbers have ``published`` in their first column, results that others
+    published by subject ``stored``; ``notes`` says what they are.
     """
     stream = io.StringIO()
     names = [
@@ -27,21 +28,32 @@ def to_csv(table: Table) -> str:
         "table": table.name,
         "dataset": table.dataset,
         "recipe": table.recipe,
-        "protocol": f"{table.protocol['name']}-{table.protocol['version']}-{table.protocol['sha']}",
+        "protocol": _protocol_text(table.protocol),
     }
     fields = ["block", *common, "method", "title", "stage", "n", "of", *names, "notes"]
     writer = csv.DictWriter(stream, fields, restval="", lineterminator="\n")
     writer.writeheader()
+    block = "stored" if table.origin else "measured"
     for row in table.rows:
-        line = {"block": "measured", **common, "method": row.method, "title": row.title}
+        line = {"block": block, **common, "method": row.method, "title": row.title}
         count = {"n": row.n, "of": row.of, "notes": "; ".join(row.notes)}
         writer.writerow({**line, **count, **_csv_numbers(table, row.cells)})
         for stage in row.stages:
             writer.writerow({**line, "stage": stage.name, **_csv_numbers(table, stage.cells)})
     for printed in table.published.rows if table.published else ():
         line = {"block": "published", "table": table.name, "title": printed.title}
+        line["notes"] = _source(table.published)
         writer.writerow({**line, **_csv_published(table, printed.cells)})
     return stream.getvalue()
+
+
+def _protocol_text(protocol: Mapping[str, object]) -> str:
+    """Name, version and sha; empty where nothing was measured here."""
+    return f"{protocol['name']}-{protocol['version']}-{protocol['sha']}" if protocol else ""
+
+
+def _source(block: PublishedBlock | None) -> str:
+    return f"{block.heading}: {block.source}. {block.note}" if block else ""
 
 
 def _keys(column: Column) -> tuple[str, ...]:
@@ -74,6 +86,7 @@ def to_json(table: Table) -> str:
         "dataset": table.dataset,
         "recipe": table.recipe,
         "protocol": dict(table.protocol),
+        "origin": table.origin,
         "columns": {
             column.id: {
                 "title": column.title,

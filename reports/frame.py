@@ -19,7 +19,7 @@ def frame(records: Sequence[Record]) -> pd.DataFrame:
     Failed and missing subjects are rows too, with their ``reason``: ``dropna`` is the reader's
     choice. ``frame.attrs["units"]`` names each column's unit. Before them stand what the numbers
     are of: ``method``, ``title``, ``subject``, ``status``, ``reason``, ``dataset``, ``recipe``,
-    ``protocol``, ``seed``; after them what they cost: ``wall_s``, ``peak_rss_mib``.
+    ``scale_rule``, ``protocol``, ``seed``; after them what they cost: ``wall_s``, ``peak_rss_mib``.
 
     Args:
         records: Of one run or several; what may be compared is the reader's to see.
@@ -37,6 +37,7 @@ def frame(records: Sequence[Record]) -> pd.DataFrame:
             "reason": record.reason,
             "dataset": record.dataset,
             "recipe": record.recipe,
+            "scale_rule": record.scale_rule,
             "protocol": record.protocol["name"],
             "seed": record.seed,
             **{name: _value(record, name) for name in metrics},

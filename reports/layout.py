@@ -69,7 +69,7 @@ def _number(column: Column, cell: Cell | None, markup: Markup, *, best: bool = F
 
 def published_lines(table: Table, block: PublishedBlock, markup: Markup) -> list[list[str]]:
     """The printed numbers under the table's own columns: a heading's cell, then one line a row."""
-    heading = markup.escape("Published, not measured here") + markup.raised(_PUBLISHED_MARK)
+    heading = markup.escape(block.heading) + markup.raised(_PUBLISHED_MARK)
     lines = [[heading]]
     for row in block.rows:
         cells = [row.cells.get(column.id) for column in table.columns]

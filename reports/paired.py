@@ -21,6 +21,10 @@ __all__ = ["LEVEL", "paired_table"]
 
 #: A difference with a p-value above this may be chance.
 LEVEL = 0.05
+_NOT_PRINTED = (
+    "The paper prints no paired differences; 'harness report --table published --paired' has those "
+    "of the authors' results by subject"
+)
 
 
 def paired_table(
@@ -71,7 +75,7 @@ def paired_table(
         rows=tuple(rows),
         remarks=(
             *selection.remarks,
-            *(["The paper prints no paired differences"] if published else []),
+            *([_NOT_PRINTED] if published else []),
             *(_reading(rows) if rows else ["No two methods have numbers on one subject"]),
         ),
     )

@@ -24,6 +24,12 @@ _REASON_LENGTH = 120
 _WORDS = frozenset({"title", "deviations"})
 #: A method that is given one of these hands the answer back: a test of the ruler, not a rival.
 _ANSWERS = frozenset({Privilege.GROUND_TRUTH_MESH})
+_SCAN_UNITS = (
+    "Scans keep their own units, origin and heights (scale rule 'units'): mm are thousandths of a "
+    "scan unit, and lengths in m are scan units"
+)
+#: The same for one row, because a line of CSV has no caption.
+_SCAN_UNITS_ROW = "mm: thousandths of a scan unit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +117,10 @@ def select(
         protocol=first.protocol,
         subjects=tuple(wanted),
         groups=tuple(_group(name, by_method[name], wanted) for name in order),
-        remarks=_capture_remarks(chosen),
+        remarks=(
+            *([_SCAN_UNITS] if first.length_unit != "metre" else []),
+            *_capture_remarks(chosen),
+        ),
     )
 
 
@@ -119,9 +128,10 @@ def check_comparable(records: Sequence[Record]) -> None:
     """Refuse records whose numbers must not meet, in a table or elsewhere.
 
     Raises:
-        ProtocolMismatch: another dataset, metric protocol, recipe, or capture of one subject; the
-            message names two records and what they differ in.
+        ProtocolMismatch: another unit of length, dataset, metric protocol, recipe, or capture of
+            one subject; the message names two records and what they differ in.
     """
+    _check_same("unit of length", [(record.length_unit, record) for record in records])
     _check_same("dataset", [(record.dataset, record) for record in records])
     _check_same("metric protocol", [(_protocol_text(record), record) for record in records])
     # A mesh made elsewhere has no photos of ours; its row says so instead.
@@ -180,6 +190,7 @@ def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) ->
     notes = (
         f"Given: {', '.join(privileges).replace('_', ' ')}" if privileges else "",
         _parts_note(method),
+        _SCAN_UNITS_ROW if ok and ok[0].length_unit != "metre" else "",
         "Meshes made elsewhere" if ok and not all(record.recipe for record in ok) else "",
         *_absence_notes(records, subjects),
     )

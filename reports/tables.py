@@ -111,12 +111,13 @@ class Table:
         name: As on the command line, such as ``geometry``.
         title: For people.
         dataset, recipe: What every row was measured on.
-        protocol: Name, version and sha of the metric protocol.
+        protocol: Name, version and sha of the metric protocol; empty where nothing was measured.
         columns: Left to right.
         rows: Top to bottom.
         remarks: Sentences about the whole table.
         published: Numbers printed elsewhere, shown apart and never compared with the rows.
         more: Columns for programs: in CSV and JSON, never in print.
+        origin: Where the rows come from, if they were not measured here.
     """
 
     name: str
@@ -129,6 +130,7 @@ class Table:
     remarks: tuple[str, ...] = ()
     published: PublishedBlock | None = None
     more: tuple[Column, ...] = ()
+    origin: str = ""
 
     @property
     def all_columns(self) -> tuple[Column, ...]:
@@ -161,13 +163,7 @@ class Table:
     @property
     def caption(self) -> str:
         """What was measured, on what and how, in plain text."""
-        subjects = max((row.of for row in self.rows), default=0)
-        sentences = [
-            f"{self.title} on {self.dataset}, {subjects} subject{'' if subjects == 1 else 's'}, "
-            f"photos {self.recipe or 'made elsewhere'}",
-            f"Metric protocol {self.protocol['name']} version {self.protocol['version']} "
-            f"(sha {self.protocol['sha']})",
-        ]
+        sentences = self._measured
         if not self.complete:
             sentences.append("n/N: subjects in the mean of those asked for")
         if any(cell.low is not None for row in self.rows for cell in row.cells.values()):
@@ -177,6 +173,19 @@ class Table:
             if not all(row.competes for row in self.rows):
                 sentences.append("A row that is given the ground truth is not ranked")
         return ". ".join((*sentences, *self.remarks)) + "."
+
+    @property
+    def _measured(self) -> list[str]:
+        """What the rows are of, and how they were measured or where they come from."""
+        subjects = max((row.of for row in self.rows), default=0)
+        measured_on = (
+            f"{self.title} on {self.dataset}, {subjects} subject{'' if subjects == 1 else 's'}, "
+            f"photos {self.recipe or 'made elsewhere'}"
+        )
+        if self.origin:
+            return [measured_on, self.origin]
+        name, version, sha = (self.protocol[key] for key in ("name", "version", "sha"))
+        return [measured_on, f"Metric protocol {name} version {version} (sha {sha})"]
 
 
 def _rival(row: Row, column: Column) -> bool:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from harness.core.records import Record
+    from harness.pipeline.reporting import ReportRequest
     from harness.pipeline.sources import Source
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
@@ -23,7 +24,8 @@ __all__ = ["report"]
 
 def report(
     table: Annotated[
-        str, typer.Option("--table", help="geometry, paired, cost, jmbo, regions or normals.")
+        str,
+        typer.Option("--table", help="geometry, paired, cost, jmbo, regions, normals, published."),
     ] = "geometry",
     form: Annotated[
         str, typer.Option("--format", help="markdown, latex, csv or json.")
@@ -39,6 +41,9 @@ def report(
     published: Annotated[
         bool, typer.Option("--published", help="The paper's own numbers, as a marked block.")
     ] = False,
+    paired: Annotated[
+        bool, typer.Option("--paired", help="With --table published: differences by subject.")
+    ] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write to this file.")
     ] = None,
@@ -52,15 +57,14 @@ def report(
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Print a table of a run's records, or draw a figure of its meshes."""
-    from harness.core.files import write_text
-    from harness.pipeline.reporting import ReportRequest, build_table, in_order
+    """Print a table of a run's records or of the published results, or draw a figure of a run."""
+    from harness.pipeline.reporting import ReportRequest, in_order
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
 
     place = Workspace.default(workspace)
-    store = RunStore.existing(place, run)
     if figure:
+        store = RunStore.existing(place, run)
         draw = _figure(figure)
         records = in_order(store.records(), split_names(method))
         source = _source(store, records, place, manifest, split_names(subjects))
@@ -73,8 +77,25 @@ def report(
         subjects=split_names(subjects) or None,
         interval=interval,
         published=published,
+        paired=paired,
     )
-    text = build_table(store.records(), request)
+    _deliver(_text(request, place, run), output)
+
+
+def _text(request: ReportRequest, place: Workspace, run: str | None) -> str:
+    """The table; only the published one needs no run."""
+    from harness.pipeline.reporting import PUBLISHED_TABLE, build_published, build_table
+    from harness.pipeline.store import RunStore
+
+    if request.table == PUBLISHED_TABLE:
+        return build_published(request)
+    return build_table(RunStore.existing(place, run).records(), request)
+
+
+def _deliver(text: str, output: Path | None) -> None:
+    """Print the text, or write it and print the file's name."""
+    from harness.core.files import write_text
+
     if output is None:
         print(text, end="" if text.endswith("\n") else "\n")
     else:

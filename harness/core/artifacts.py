@@ -9,7 +9,7 @@ Before: ``data_manifest.yaml``. After: ``harness/data/scans.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.files import read_json
 from harness.core.mesh import Mesh
+from harness.core.rigs import views_from_front
 
 __all__ = [
     "CAPTURE_SCHEMA",
@@ -48,11 +49,14 @@ class Scan:
         scale_rule: What turned units into metres, as written in the manifest.
         facing_rule: What turned the subject to +Z, as written in the manifest.
         scan_to_world: (4, 4) similarity from file coordinates to world metres: +Y up, facing +Z,
-            bounding box centred at the origin.
+            bounding box centred at the origin. Under the scale rule ``units`` it is the identity:
+            the world is the file's own, and its unit counts as a metre.
         sha256: Of every file that the scan is made from, by file name.
         warnings: What a reader of the numbers should know, such as an unusual height.
         body_path: Parameters and vertices of the true body, where the dataset has them.
         labels_path: Per-face region labels, where the dataset has them.
+        front_yaw_deg: Where the subject faces in the world, from +Z towards +X; not 0 only under
+            the scale rule ``units``, which turns nothing.
     """
 
     dataset: str
@@ -65,6 +69,7 @@ class Scan:
     warnings: tuple[str, ...] = ()
     body_path: Path | None = None
     labels_path: Path | None = None
+    front_yaw_deg: float = 0.0
 
     def identity(self) -> dict[str, object]:
         """What makes two scans the same: content and rules, not where they lie."""
@@ -95,6 +100,9 @@ class Capture:
         cameras: One camera per view, in order.
         warnings: For instance views in which the frame cuts the subject.
         provenance: Recipe, scan identity, renderer, device, proof; as in ``capture.json``.
+        front_yaw_deg: Where the subject faces, as in its ``Scan``.
+        numbers: The recipe's number of each view where they are counted otherwise, as by
+            ``from_front``; empty where views have their own numbers.
     """
 
     dataset: str
@@ -105,20 +113,38 @@ class Capture:
     cameras: tuple[Camera, ...]
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict[str, object])
+    front_yaw_deg: float = 0.0
+    numbers: tuple[int, ...] = ()
 
     def image_path(self, view: int) -> Path:
         """The PNG of a view: 8-bit sRGB colour, alpha is coverage."""
-        return self.directory / image_name(view)
+        return self.directory / image_name(self.numbers[view] if self.numbers else view)
+
+    def from_front(self) -> Capture:
+        """The same photos counted from the front, as methods and figures see them.
+
+        View 0 is frontal, the others follow by yaw towards the subject's left, whatever numbers the
+        recipe's rig gives them; files keep their names.
+        """
+        order = views_from_front(self.cameras, self.front_yaw_deg)
+        return replace(
+            self,
+            cameras=tuple(self.cameras[view] for view in order),
+            numbers=tuple(self.numbers[view] for view in order) if self.numbers else order,
+        )
 
     def to_dict(self) -> dict[str, object]:
-        """The content of ``capture.json``."""
+        """The content of ``capture.json``, with cameras in the order of the recipe."""
+        numbers = self.numbers or range(len(self.cameras))
+        by_number = dict(zip(numbers, self.cameras, strict=True))
         return {
             "schema": CAPTURE_SCHEMA,
             "dataset": self.dataset,
             "subject": self.subject,
             "recipe": self.recipe,
             "key": self.key,
-            "cameras": [camera.to_dict() for camera in self.cameras],
+            "cameras": [by_number[number].to_dict() for number in sorted(by_number)],
+            "front_yaw_deg": self.front_yaw_deg,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
@@ -149,6 +175,8 @@ class Capture:
                 cameras=tuple(Camera.from_dict(entry) for entry in document["cameras"]),
                 warnings=tuple(document["warnings"]),
                 provenance=dict(document["provenance"]),
+                # Photos made before this was written down are of scans that face +Z.
+                front_yaw_deg=float(document.get("front_yaw_deg", 0.0)),
             )
         except DataError as error:
             raise error.located(path) from error

@@ -1,8 +1,8 @@
 """The border: cameras of other conventions become ours here, and ours become theirs.
 
-Ours is OpenCV axes (x right, y down, z forward) in a right-handed world with +Y up. Blender's world
-has +Z up; its +X becomes our +Z, so that the first camera of the published rig, which stands on
-Blender's +X, is our frontal view.
+Ours is OpenCV axes (x right, y down, z forward) in a right-handed world with +Y up, the subject
+facing +Z. Blender's world has +Z up, and what stands upright in it faces -Y: that is how Blender
+reads an OBJ file, so that our world is also the frame of a file that faces its own +Z.
 """
 
 from __future__ import annotations
@@ -36,12 +36,14 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-#: (4, 4) from Blender's world (Z up) to ours (Y up): (x, y, z) becomes (y, z, x).
-BLENDER_TO_WORLD: Floats = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+#: (4, 4) from Blender's world (Z up, front -Y) to ours (Y up, front +Z): (x, y, z) is (x, z, -y).
+BLENDER_TO_WORLD: Floats = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 #: (4, 4) from OpenCV camera axes to Blender's and OpenGL's (x right, y up, z backward).
 OPENCV_TO_BLENDER_CAMERA: Floats = np.diag([1.0, -1.0, -1.0, 1.0])
 #: From axes x left, y up, z forward (PyTorch3D's) to OpenCV's.
 _LEFT_UP_FORWARD_TO_OPENCV: Floats = np.diag([-1.0, -1.0, 1.0, 1.0])
+#: Cosine of the widest angle between a camera's axis and the origin at which it still faces it.
+_FACING_COSINE = 0.5
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 #: Camera models that are a pinhole once their distortion is zero.
 _NERFSTUDIO_PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
@@ -95,13 +97,17 @@ def camera_from_blender(matrix_world: Floats, K: Floats, width: int, height: int
 def read_published_cameras(path: Path) -> tuple[Camera, ...]:
     """Cameras of a ``camera_parameters.json`` as published with MExECON.
 
-    Each entry has a Blender location, a quaternion (w, x, y, z) and ``image_size`` as [height,
-    width]. Read in Blender's camera axes, the published rotations look *away* from the subject at
-    every camera; read as x left, y up, z forward they look at it. Both kinds of file are accepted:
-    the axes are those under which the cameras face their common centre.
+    In the file's own order, which does not start at the front: of the published eight, camera 6
+    stands before a subject that faces Blender's -Y and camera 2 behind it. Lengths are those of
+    the file, in which a scan stands in its own units.
+
+    Each entry has a Blender location, ``image_size`` as [width, height], and a quaternion
+    (w, x, y, z) whose columns are the camera's axes x left, y up, z forward. Files with Blender's
+    own camera axes (x right, y up, z backward) are accepted, too: the axes are those under which
+    every camera looks towards the origin.
 
     Raises:
-        DataError: not such a file, or the cameras face their centre under neither reading.
+        DataError: not such a file, or a camera that looks away from the origin either way.
     """
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))
@@ -115,29 +121,32 @@ def read_published_cameras(path: Path) -> tuple[Camera, ...]:
             expected="a JSON list of location, quaternion, focal_length_px, image_size",
             got=f"{type(error).__name__}: {error}",
         ) from error
-    centre = np.mean([pose[:3, 3] for pose, *_ in parsed], axis=0)
-    for axes_to_opencv in (OPENCV_TO_BLENDER_CAMERA, _LEFT_UP_FORWARD_TO_OPENCV):
+    for axes_to_opencv in (_LEFT_UP_FORWARD_TO_OPENCV, OPENCV_TO_BLENDER_CAMERA):
         # Both changes of axes are their own inverse.
         with _located(path):
             cameras = tuple(
                 Camera(K, rigid_inverse(BLENDER_TO_WORLD @ pose @ axes_to_opencv), width, height)
                 for pose, K, width, height in parsed
             )
-        centre_world = BLENDER_TO_WORLD[:3, :3] @ centre
-        if all((centre_world - camera.position) @ camera.forward > 0 for camera in cameras):
+        if all(map(_faces_origin, cameras)):
             return cameras
     raise DataError(
-        f"the cameras in {path} do not face a common centre",
-        expected="rotations in Blender axes, or x left, y up, z forward",
+        f"the cameras in {path} do not face the origin",
+        expected="rotations with columns x left, y up, z forward, or Blender's camera axes",
         hint="Check the order of the quaternion (w, x, y, z)",
     )
+
+
+def _faces_origin(camera: Camera) -> bool:
+    distance = float(np.linalg.norm(camera.position))
+    return float(-camera.position @ camera.forward) > _FACING_COSINE * distance
 
 
 def _published_entry(entry: Mapping[str, Any]) -> tuple[Floats, Floats, int, int]:
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_quaternion(entry["quaternion"])
     pose[:3, 3] = entry["location"]
-    height, width = (int(side) for side in entry["image_size"])
+    width, height = (int(side) for side in entry["image_size"])
     focal = float(entry["focal_length_px"])
     return pose, _intrinsics(focal, focal, width / 2, height / 2), width, height
 

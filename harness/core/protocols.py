@@ -87,7 +87,8 @@ class MethodInfo:
     Attributes:
         name: The name on the command line.
         title: The name in tables.
-        views: Indices into the rig, or None for all views.
+        views: Counted from the front towards the subject's left (0 is the front, of eight 4 is the
+            back), or None for all views.
         parts: Ingredients with their licences.
         privileges: What it is given beyond pixels.
         parameters: Every setting that influences the output, nested by room such as ``body``.

@@ -10,6 +10,7 @@ from typing import Literal, get_args
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
 from harness.core.files import read_json, write_json
+from harness.core.units import UNITS_RULE
 
 __all__ = ["RECORD_SCHEMA", "MetricValue", "Record", "Status"]
 
@@ -59,6 +60,8 @@ class Record:
         details: What the method or the scorer wants a reader to know.
         environment: Host, package versions, commit and dirty flag.
         created_utc: ISO 8601.
+        scale_rule: What turned the scan's units into metres; empty in records of earlier versions,
+            all of whose rules gave metres.
     """
 
     key: str
@@ -76,6 +79,12 @@ class Record:
     details: Mapping[str, object] = field(default_factory=dict[str, object])
     environment: Mapping[str, object] = field(default_factory=dict[str, object])
     created_utc: str = ""
+    scale_rule: str = ""
+
+    @property
+    def length_unit(self) -> str:
+        """What counts as 1 m in the record's lengths: ``metre``, or ``scan unit``."""
+        return "scan unit" if self.scale_rule == UNITS_RULE else "metre"
 
     @property
     def method_name(self) -> str:

@@ -17,6 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 from harness.core.rigs import RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe
+from harness.core.units import UNITS_RULE
 
 __all__ = [
     "Dataset",
@@ -28,7 +29,7 @@ __all__ = [
     "subject_range",
 ]
 
-_SCALE_RULE = re.compile(r"fit|metres|height=\d+(\.\d+)?")
+_SCALE_RULE = re.compile(rf"fit|metres|{UNITS_RULE}|height=\d+(\.\d+)?")
 _RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d+)\.\.(?P<prefix2>\D*)(?P<high>\d+)")
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
@@ -40,7 +41,7 @@ class _Strict(BaseModel):
 
 def _scale_rule(value: object) -> object:
     if not isinstance(value, str) or not _SCALE_RULE.fullmatch(value):
-        raise ValueError("expected 'fit', 'metres' or 'height=<metres>'")
+        raise ValueError("expected 'fit', 'metres', 'units' or 'height=<metres>'")
     return value
 
 
@@ -69,8 +70,11 @@ class Dataset(_Strict):
         licence: Of the scans.
         root: Folder; ``${VARIABLE}`` is taken from the environment, relative paths from the
             workspace.
-        scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale) or ``height=1.75``.
-        facing: ``+z``, ``fit`` (the fit's global orientation) or the yaw in degrees by subject.
+        scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale), ``height=1.75``, or
+            ``units``: the scan keeps its own units, origin and axes, and 1 unit counts as 1 m.
+        facing: Where subjects face in their files: ``+z``, ``fit`` (the fit's global orientation)
+            or the yaw in degrees by subject. They are turned to +Z; under the scale ``units`` they
+            are not, and it only decides which view is the front.
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.

@@ -17,6 +17,7 @@ from harness.core.errors import DataError
 from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
+from harness.core.units import UNITS_RULE
 from harness.data.manifest import Dataset
 from harness.data.thuman import find_subject
 from harness.data.unpickle import read_array_pickle
@@ -71,16 +72,21 @@ def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Sc
     """A subject's scan, and its textured mesh in world metres.
 
     The world frame has +Y up, the subject facing +Z, and the bounding box centred at the origin.
+    Under the rule ``units`` the world is the file's own frame and 1 unit counts as 1 m; no height
+    is then out of the ordinary, and the facing rule only tells where the front is.
 
     Raises:
         DataError: missing files, a broken mesh, a fit that is needed but not there, or a height
             that no person has under the scale rule.
     """
     scan = locate_scan(name, dataset, root, subject)
-    fit = find_subject(root, subject).fit
     mesh = load_mesh(scan.mesh_path, texture=True)
+    fit = find_subject(root, subject).fit
+    yaw = _facing_yaw(dataset, subject, fit)
+    if dataset.scale == UNITS_RULE:
+        return replace(scan, front_yaw_deg=math.degrees(yaw)), mesh
     scale = _metres_per_unit(dataset, subject, fit, mesh)
-    scan_to_world = _placement(mesh, scale, _facing_yaw(dataset, subject, fit))
+    scan_to_world = _placement(mesh, scale, yaw)
     world_mesh = mesh.transformed(scan_to_world)
     warnings = _height_warnings(subject, dataset, float(world_mesh.extent[1]))
     return replace(scan, scan_to_world=scan_to_world, warnings=warnings), world_mesh
@@ -164,7 +170,7 @@ def _height_warnings(subject: str, dataset: Dataset, height_m: float) -> tuple[s
             f"subject '{subject}' is {height_m:.4g} m high under the rule 'scale: {dataset.scale}'",
             expected=f"{low} to {high} m",
             hint="Its file is in other units: correct 'scale' in the manifest (fit, metres, "
-            "height=<metres>)",
+            "height=<metres>; units keeps them)",
         )
     low, high = PLAUSIBLE_HEIGHT_M
     if low <= height_m <= high:

@@ -38,7 +38,7 @@ def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # 
     source = Source.from_job(job["source"], subject)  # type: ignore[arg-type]
     method = resolve_method(str(job["method"]), dict(job["settings"]))  # type: ignore[call-overload]
     protocol = source.manifest.protocol(str(job["protocol"]))
-    capture = Capture.load(source.capture_directory(subject))
+    capture = source.capture(subject)
     scan, truth = source.load(subject)
     cell = Path(str(job["cell"]))
     meter = StageMeter()

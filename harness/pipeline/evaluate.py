@@ -149,4 +149,5 @@ def _run_cell(
         details=dict(result.get("details", {})),  # type: ignore[call-overload]
         environment=environment(),
         created_utc=utc_now(),
+        scale_rule=request.source.scale_rule,
     )

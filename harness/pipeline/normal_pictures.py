@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.core.artifacts import Capture, NormalMaps
+from harness.core.artifacts import NormalMaps
 from harness.core.errors import HarnessError
 from harness.core.records import Record
 from harness.pipeline.sources import Source
@@ -64,7 +64,7 @@ def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     if len(views) == 1:
         shown.append((views[0], "far"))
     return NormalRow(
-        Capture.load(source.capture_directory(record.subject)),
+        source.capture(record.subject),
         tuple(_panels(record, maps, side, caster) for maps, side in shown),
     )
 

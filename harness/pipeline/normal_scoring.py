@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import NormalMaps, Scan
 from harness.core.mesh import Mesh
+from harness.core.rigs import camera_yaw_deg
 from harness.geometry.sides import Side, SidedRaycaster
 from harness.pipeline.region_scoring import labelled_faces
 from metrics.normal_maps import angular_error_map, angular_errors
@@ -71,8 +72,17 @@ def normal_details(maps: Sequence[NormalMaps], scan: Scan, truth: Mesh) -> dict[
     regions = labelled_faces(scan, truth)
     worn = None if regions is None else regions.worn
     caster = SidedRaycaster(truth.geometry())
-    entries = [_entry(each, side, caster, worn) for each in maps for side in SIDES]
+    entries = [
+        {"view": each.view, "yaw_deg": _yaw_deg(each, scan), **_entry(each, side, caster, worn)}
+        for each in maps
+        for side in SIDES
+    ]
     return {"normal_maps": entries}
+
+
+def _yaw_deg(maps: NormalMaps, scan: Scan) -> float:
+    """Of the camera from the subject's front, whole degrees, 0 to 359, towards its left."""
+    return float(round(camera_yaw_deg(maps.camera) - scan.front_yaw_deg) % 360)
 
 
 def _entry(
@@ -89,8 +99,6 @@ def _entry(
     }
     clothed = None if worn is None else worn[true.face[true.compared]]
     return {
-        "view": maps.view,
-        "yaw_deg": _yaw_deg(maps),
         "side": side,
         "clothed": None if clothed is None else _summaries(errors_deg, clothed),
         "all": _summaries(errors_deg, slice(None)),
@@ -99,9 +107,3 @@ def _entry(
 
 def _summaries(errors_deg: dict[str, Floats], chosen: Mask | slice) -> dict[str, object]:
     return {name: angular_errors(values[chosen]).to_dict() for name, values in errors_deg.items()}
-
-
-def _yaw_deg(maps: NormalMaps) -> float:
-    """Of the camera, whole degrees, 0 to 359, growing towards the subject's left."""
-    x, _, z = maps.camera.position
-    return float(np.round(np.degrees(np.arctan2(x, z))) % 360)

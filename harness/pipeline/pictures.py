@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
 from harness.core.privileges import Privilege
 from harness.core.records import Record
-from harness.core.units import MM_PER_METRE
+from harness.core.units import MM_PER_METRE, UNITS_RULE
 from harness.pipeline.normal_pictures import normals
 from harness.pipeline.sources import Source
 from harness.pipeline.store import RunStore
 
 if TYPE_CHECKING:
     from reports.failures import FailureRow
+    from reports.shading import ErrorScale
 
 __all__ = ["FIGURES", "bodies", "failures", "overlay", "qualitative"]
 
@@ -39,7 +39,6 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
         HarnessError: no method did.
     """
     from reports.figures import MethodMesh, SubjectPanels, qualitative_grid
-    from reports.shading import ErrorScale
 
     titles = _complete_methods(records, source.subjects)
     panels, largest = [], _LEAST_SCALE_MM
@@ -51,9 +50,9 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
             errors = _vertex_errors_mm(mesh, truth)
             largest = max(largest, float(np.percentile(errors, _SCALE_PERCENTILE)))
             meshes.append(MethodMesh(title, mesh, errors))
-        capture = Capture.load(source.capture_directory(subject))
+        capture = source.capture(subject)
         panels.append(SubjectPanels(capture, truth, tuple(meshes)))
-    qualitative_grid(panels, path, ErrorScale(limit=largest))
+    qualitative_grid(panels, path, _scale(source, largest))
     return path
 
 
@@ -64,7 +63,7 @@ def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Pa
     subject = source.subjects[0]
     method = next(iter(_complete_methods(records, (subject,))))
     mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
-    overlay_figure(mesh, Capture.load(source.capture_directory(subject)), path)
+    overlay_figure(mesh, source.capture(subject), path)
     return path
 
 
@@ -94,7 +93,7 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     true = TrueBody.of(scan)
     same = true is not None and len(true.vertices) == len(rows[0].mesh.vertices)
     truth = Mesh(true.vertices, faces, source="true body") if true and same else None
-    body_overlay(rows, truth, Capture.load(source.capture_directory(subject)), path)
+    body_overlay(rows, truth, source.capture(subject), path)
     return path
 
 
@@ -109,7 +108,6 @@ def failures(store: RunStore, source: Source, records: Sequence[Record], path: P
     """
     from metrics.regions import FAR_MM
     from reports.failures import failure_grid, worst_region, worst_subjects
-    from reports.shading import ErrorScale
 
     told = {
         (record.method_name, record.subject): record
@@ -124,7 +122,7 @@ def failures(store: RunStore, source: Source, records: Sequence[Record], path: P
     chosen = worst_subjects(told.values(), _MOST_FAILURES)
     titles = {record.method_name: str(record.method["title"]) for record in told.values()}
     rows = [_failure_row(store, source, subject, titles, told) for subject in chosen]
-    failure_grid(rows, path, ErrorScale(limit=FAR_MM))
+    failure_grid(rows, path, _scale(source, FAR_MM))
     return path
 
 
@@ -151,7 +149,7 @@ def _failure_row(
             mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
             found = FailedMesh(mesh, _vertex_errors_mm(mesh, truth), failure)
         panels.append(FailurePanel(title, found))
-    capture = Capture.load(source.capture_directory(subject))
+    capture = source.capture(subject)
     names = np.array(regions.names)[regions.of_face]
     return FailureRow(capture, truth, names, tuple(panels))
 
@@ -187,6 +185,15 @@ def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dic
             hint="Name fewer subjects with --subjects, or see 'harness report' for the reasons",
         )
     return complete
+
+
+def _scale(source: Source, limit_mm: float) -> ErrorScale:
+    """Colours up to a limit; their label says where mm are no real millimetres."""
+    from reports.shading import ErrorScale
+
+    if source.scale_rule == UNITS_RULE:
+        return ErrorScale(limit_mm, "distance to the true surface (thousandths of a scan unit)")
+    return ErrorScale(limit_mm)
 
 
 def _vertex_errors_mm(mesh: Mesh, truth: Mesh) -> np.ndarray:

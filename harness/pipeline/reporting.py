@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files import write_text
@@ -19,10 +19,23 @@ from reports.latex import to_latex
 from reports.markdown import to_markdown
 from reports.normal_maps import normals_table
 from reports.paired import paired_table
+from reports.published.table import published_differences, published_means
 from reports.regions import regions_table
 from reports.tables import Table
 
-__all__ = ["FORMATS", "TABLES", "ReportRequest", "build_table", "in_order", "write_tables"]
+if TYPE_CHECKING:
+    from metrics.statistics import Interval as BootstrapInterval
+
+__all__ = [
+    "FORMATS",
+    "PUBLISHED_TABLE",
+    "TABLES",
+    "ReportRequest",
+    "build_published",
+    "build_table",
+    "in_order",
+    "write_tables",
+]
 
 T = TypeVar("T")
 
@@ -33,7 +46,9 @@ def _sign_flip(differences: Sequence[float]) -> float:
     return sign_flip_p_value(differences)
 
 
-#: Tables by name.
+#: The table of the authors' own results, which needs no run.
+PUBLISHED_TABLE = "published"
+#: Tables of a run by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
     "paired": partial(paired_table, p_value=_sign_flip),
@@ -56,12 +71,13 @@ class ReportRequest:
     """What ``harness report`` was asked for.
 
     Attributes:
-        table: Name in ``TABLES``.
+        table: Name in ``TABLES``, or ``PUBLISHED_TABLE``.
         format: Name in ``FORMATS``.
         methods: Rows in this order; by default all in the order of the catalogue.
         subjects: Subjects that count; by default all that have a record.
         interval: Whether means carry a 95 % bootstrap interval over subjects.
         published: Whether the paper's printed numbers are shown below.
+        paired: Whether ``PUBLISHED_TABLE`` shows differences and not means.
     """
 
     table: str = "geometry"
@@ -70,6 +86,7 @@ class ReportRequest:
     subjects: tuple[str, ...] | None = None
     interval: bool = False
     published: bool = False
+    paired: bool = False
 
 
 def build_table(records: Sequence[Record], request: ReportRequest) -> str:
@@ -80,11 +97,30 @@ def build_table(records: Sequence[Record], request: ReportRequest) -> str:
         ProtocolMismatch: the records are not comparable.
     """
     write, _ = _known("format", request.format, FORMATS)
-    table = _table(records, request)
+    return _written(_table(records, request), write)
+
+
+def build_published(request: ReportRequest) -> str:
+    """The authors' own results as text in the requested format; no run is needed.
+
+    Paired differences always carry their interval.
+
+    Raises:
+        HarnessError: an unknown format, method or subject, or nothing to compare.
+    """
+    write, _ = _known("format", request.format, FORMATS)
+    chosen = {"methods": request.methods, "subjects": request.subjects}
+    if request.paired:
+        table = published_differences(p_value=_sign_flip, interval=_percentiles, **chosen)
+    else:
+        table = published_means(interval=_percentiles if request.interval else None, **chosen)
+    return _written(table, write)
+
+
+def _written(table: Table, write: Callable[[Table], str]) -> str:
     if not table.rows:
         raise HarnessError(
-            f"no method of this run has the numbers of the table '{table.name}'",
-            got=table.remarks[-1],
+            f"no method has the numbers of the table '{table.name}'", got=table.remarks[-1]
         )
     return write(table)
 
@@ -107,8 +143,16 @@ def write_tables(
 
 
 def _table(records: Sequence[Record], request: ReportRequest) -> Table:
-    make = _known("table", request.table, TABLES)
-    return make(
+    if request.table not in TABLES:
+        hint = did_you_mean(request.table, [*TABLES, PUBLISHED_TABLE])
+        raise HarnessError(f"unknown table '{request.table}'", hint=hint)
+    if request.paired:
+        raise HarnessError(
+            "--paired shows differences of the published results",
+            got=f"--table {request.table}",
+            hint=f"Use --table paired for a run, or --table {PUBLISHED_TABLE} --paired",
+        )
+    return TABLES[request.table](
         records,
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,
@@ -148,7 +192,17 @@ def _catalogue_order(records: Sequence[Record]) -> list[str]:
 def _bootstrap(values: Sequence[float]) -> tuple[float, float]:
     from metrics.statistics import bootstrap_interval
 
-    found = bootstrap_interval(values)
+    return _ends(bootstrap_interval(values))
+
+
+def _percentiles(values: Sequence[float]) -> tuple[float, float]:
+    from metrics.statistics import bootstrap_interval
+
+    # So many that the ends do not move in the digits that are usually quoted.
+    return _ends(bootstrap_interval(values, method="percentile", resamples=200_000))
+
+
+def _ends(found: BootstrapInterval) -> tuple[float, float]:
     if found.low is None or found.high is None:
         raise HarnessError("an interval needs at least two subjects", got=f"{found.n}")
     return found.low, found.high

@@ -160,4 +160,5 @@ def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> R
         details=details,
         environment=environment(),
         created_utc=utc_now(),
+        scale_rule=dataset.scale,
     )

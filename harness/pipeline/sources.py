@@ -67,6 +67,11 @@ class Source:
         return self.manifest.datasets[self.name].kind == "generated"
 
     @property
+    def scale_rule(self) -> str:
+        """What turns the scans' units into metres, as written in the manifest."""
+        return self.manifest.datasets[self.name].scale
+
+    @property
     def _scan_noise_mm(self) -> float:
         return self.manifest.datasets[self.name].scan_noise_mm
 
@@ -109,6 +114,14 @@ class Source:
     def capture_directory(self, subject: str) -> Path:
         """Where the subject's photos under this recipe lie."""
         return self.workspace.capture(self.name, subject, self.recipe.name)
+
+    def capture(self, subject: str) -> Capture:
+        """The subject's photos as methods and figures see them: counted from the front.
+
+        Raises:
+            DataError: they are not there, or damaged.
+        """
+        return Capture.load(self.capture_directory(subject)).from_front()
 
     def capture_key(self, subject: str) -> str:
         """Content id of everything that the subject's photos are made from.

@@ -181,7 +181,7 @@ def describe(mesh: Mesh, recipe: RenderRecipe) -> Scene:
 
 def vertices_in_blender(mesh: Mesh) -> NDArray[np.float32]:
     """(V, 3) the mesh's vertices in Blender's world."""
-    # The change of axes is a permutation, so its transpose undoes it.
+    # The change of axes is a rotation, so its transpose undoes it.
     return (mesh.vertices @ BLENDER_TO_WORLD[:3, :3]).astype(np.float32)
 
 

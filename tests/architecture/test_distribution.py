@@ -17,9 +17,11 @@ PACKAGES = {"harness", "renderers", "methods", "metrics", "reports"}
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 #: Data files that packages may carry beside their modules.
-SHIPPED_DATA = {".yaml", ".json", ".npz", ".onnx"}
+SHIPPED_DATA = {".csv", ".yaml", ".json", ".npz", ".onnx"}
 #: Where networks lie, with a page on where they come from.
 WEIGHTS = "methods/normals/weights"
+#: Where published results lie, likewise.
+PUBLISHED = "reports/published"
 #: An absolute path of somebody's machine: a leading slash that no word, dot or URL precedes.
 MACHINE_PATH = re.compile(r"(?<![\w./$}>~-])/(?:home|root|Users|work|tmp|mnt|opt)/[\w.]")
 
@@ -91,7 +93,7 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
     others = [name for name in code if not name.endswith(".py")]
     assert "harness/core/camera.py" in code
     unexpected = [name for name in others if Path(name).suffix not in SHIPPED_DATA]
-    assert set(unexpected) <= {f"{WEIGHTS}/PROVENANCE.md"}
+    assert set(unexpected) <= {f"{WEIGHTS}/PROVENANCE.md", f"{PUBLISHED}/PROVENANCE.md"}
 
 
 def test_the_wheel_holds_every_module_of_the_tree(wheel: list[str]) -> None:
@@ -110,6 +112,12 @@ def test_the_wheel_holds_every_network_with_its_sum_and_provenance(wheel: list[s
         pytest.skip("no network is shipped")
 
     assert networks | {f"{WEIGHTS}/weights.json", f"{WEIGHTS}/PROVENANCE.md"} <= set(wheel)
+
+
+def test_the_wheel_holds_the_published_results_with_their_provenance(wheel: list[str]) -> None:
+    results = {f"{PUBLISHED}/{name}.csv" for name in ("econ", "mexecon2", "mexecon8", "vggt8")}
+
+    assert results | {f"{PUBLISHED}/PROVENANCE.md"} <= set(wheel)
 
 
 def test_every_requirement_is_pinned_exactly() -> None:

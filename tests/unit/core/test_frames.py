@@ -25,13 +25,15 @@ from harness.core.frames import (
 from harness.core.rigs import RingRig
 
 RIG = RingRig().cameras(1080, 1920)
+#: Places, order and frames of the published file.
+PUBLISHED_RIG = RingRig(first_yaw_deg=90.0).cameras(1920, 1080)
 #: From x left, y up, z forward to Blender's x right, y up, z backward.
 HALF_TURN_ABOUT_Y = np.diag([-1.0, 1.0, -1.0, 1.0])
 
 
 def published(axes: np.ndarray) -> list[dict]:
-    """RIG as the published file has it, with rotations in the given camera axes."""
-    poses = [camera_to_blender(camera) @ axes for camera in RIG]
+    """The published rig as its file has it, with rotations in the given camera axes."""
+    poses = [camera_to_blender(camera) @ axes for camera in PUBLISHED_RIG]
     return [
         {
             "frame": index,
@@ -55,10 +57,63 @@ def test_published_rotations_may_face_the_subject_or_look_away(
 ) -> None:
     read = read_published_cameras(write(tmp_path / "cameras.json", published(axes)))
 
-    for camera, expected in zip(read, RIG, strict=True):
+    for camera, expected in zip(read, PUBLISHED_RIG, strict=True):
         np.testing.assert_allclose(camera.world_to_camera, expected.world_to_camera, atol=1e-9)
         np.testing.assert_allclose(camera.K, expected.K, atol=1e-9)
-        assert (camera.width, camera.height) == (1080, 1920)
+        assert (camera.width, camera.height) == (1920, 1080)
+
+
+def blender(x: float, y: float, z: float) -> list[float]:
+    """Our world's coordinates of a point in Blender's, written out once more."""
+    return [x, z, -y]
+
+
+def test_an_entry_written_by_hand_is_the_camera_in_front(tmp_path: Path) -> None:
+    # Camera 6 as published, rounded: at Blender's -Y, columns left, up and forward.
+    left, up, forward = [-1, 0, 0], [0, 0, 1], [0, 1, 0]
+    half = math.sqrt(0.5)
+    np.testing.assert_allclose(
+        rotation_from_quaternion([0, 0, half, half]), np.stack([left, up, forward], 1), atol=1e-12
+    )
+    entry = {
+        "location": [0, -3, 0],
+        "quaternion": [0, 0, half, half],
+        "focal_length_px": 8000 / 3,
+        "image_size": [1920, 1080],
+    }
+    (camera,) = read_published_cameras(write(tmp_path / "cameras.json", [entry]))
+
+    np.testing.assert_allclose(camera.position, [0, 0, 3], atol=1e-12)
+    assert (camera.width, camera.height) == (1920, 1080)
+    # The subject's left (Blender's +X, ours too) is on the right, its head (+Z there) above.
+    points = [blender(0, 0, 0), blender(0.3, 0, 0), blender(0, 0, 0.3)]
+    pixels, depths = camera.project(points)
+    np.testing.assert_allclose(depths, 3)
+    shift = 8000 / 3 * 0.3 / 3
+    np.testing.assert_allclose(pixels, [[960, 540], [960 + shift, 540], [960, 540 - shift]])
+
+
+def test_the_published_cameras_look_at_the_origin_from_where_their_numbers_say(
+    published_camera_file: Path,
+) -> None:
+    cameras = read_published_cameras(published_camera_file)
+
+    assert len(cameras) == 8
+    for number, camera in enumerate(cameras):
+        angle = math.radians(45 * number)
+        place = blender(3 * math.cos(angle), 3 * math.sin(angle), 0)
+        np.testing.assert_allclose(camera.position, place, atol=1e-6)
+        np.testing.assert_allclose(camera.forward, -camera.position / 3, atol=1e-6)
+        # OpenCV's y is down, and the file's cameras are upright.
+        np.testing.assert_allclose(camera.rotation[1], [0, -1, 0], atol=1e-6)
+        assert camera.size == (1920, 1080)
+        assert camera.K[0, 0] == camera.K[1, 1] == pytest.approx(2666.6667, abs=1e-3)
+        assert camera.K[:2, 2].tolist() == [960, 540]
+    # A subject that faces Blender's -Y: its face is nearest to camera 6, and not seen by camera 2.
+    nose = blender(0, -0.1, 0)
+    depths = [camera.project([nose])[1][0] for camera in cameras]
+    assert np.argmin(depths) == 6
+    assert np.argmax(depths) == 2
 
 
 def with_first(**changes: object) -> list[dict]:
@@ -78,7 +133,7 @@ def with_first(**changes: object) -> list[dict]:
         (with_first(quaternion=[0, 0, 0, 0]), "cameras.json: not a quaternion"),
         (with_first(quaternion=[1, 0, 0]), "cameras.json: not a quaternion"),
         (with_first(focal_length_px=-1), "cameras.json: camera K"),
-        (with_first(quaternion=[1, 0, 0, 0]), "do not face a common centre"),
+        (with_first(quaternion=[1, 0, 0, 0]), "do not face the origin"),
     ],
 )
 def test_other_files_are_not_read_as_published_ones(
@@ -114,11 +169,11 @@ def test_what_is_not_a_quaternion(wxyz: tuple) -> None:
 
 def test_blenders_camera_axes_differ_from_opencvs_by_a_half_turn_about_x() -> None:
     np.testing.assert_array_equal(OPENCV_TO_BLENDER_CAMERA, np.diag([1, -1, -1, 1]))
-    # Our frontal camera stands on Blender's +X, upright, and looks along Blender's -X.
+    # Our frontal camera stands on Blender's -Y, upright, and looks along Blender's +Y.
     pose = camera_to_blender(RIG[0])
-    np.testing.assert_allclose(pose[:3, 3], [3, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(pose[:3, 3], [0, -3, 0], atol=1e-12)
     np.testing.assert_allclose(pose[:3, 1], [0, 0, 1], atol=1e-12)
-    np.testing.assert_allclose(-pose[:3, 2], [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(-pose[:3, 2], [0, 1, 0], atol=1e-12)
 
 
 def nerfstudio(tmp_path: Path, change: Callable[[dict], object] | None = None) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, StageCost, image_name
@@ -142,3 +143,31 @@ def test_what_is_not_a_capture(
 def test_a_folder_without_a_capture(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"no file at .*capture\.json"):
         Capture.load(tmp_path)
+
+
+def test_photos_counted_from_the_front_keep_their_files_and_their_form_on_disk(
+    tmp_path: Path,
+) -> None:
+    rig = RingRig(first_yaw_deg=90.0)
+    filed = replace(capture(tmp_path), cameras=rig.cameras(48, 27))
+    seen = filed.from_front()
+
+    assert [seen.image_path(view).name for view in (0, 1, 2, 4)] == [
+        "06.png", "07.png", "00.png", "02.png",
+    ]  # fmt: skip
+    np.testing.assert_allclose(seen.cameras[0].position, [0, 0, 3], atol=1e-12)
+    np.testing.assert_allclose(seen.cameras[4].position, [0, 0, -3], atol=1e-12)
+    assert seen.to_dict() == filed.to_dict()
+    # Once counted from the front, they stay so.
+    assert seen.from_front().numbers == seen.numbers
+    sideways = replace(filed, front_yaw_deg=90.0)
+    assert sideways.from_front().image_path(0).name == "00.png"
+    assert sideways.from_front().to_dict() == sideways.to_dict()
+    ring8 = replace(filed, cameras=RingRig().cameras(27, 48))
+    assert ring8.from_front().image_path(3) == ring8.image_path(3)
+
+
+def test_only_the_rule_units_makes_lengths_scan_units() -> None:
+    rules = {"": "metre", "metres": "metre", "fit": "metre", "height=1.7": "metre"}
+    for rule, unit in {**rules, "units": "scan unit"}.items():
+        assert replace(RECORD, scale_rule=rule).length_unit == unit

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from harness.core.frames import read_published_cameras
-from harness.core.rigs import RingRig, focal_length_px
-
-PUBLISHED = Path(__file__).parents[4] / "shared/data/cameras/0021_camera_parameters.json"
+from harness.core.rigs import RingRig, camera_yaw_deg, focal_length_px, views_from_front
 
 
 def test_ring8_has_the_papers_numbers() -> None:
@@ -50,16 +48,32 @@ def test_the_frame_at_the_subject_is_as_wide_and_high_as_the_design_says() -> No
     np.testing.assert_allclose(right_bottom - left_top, [1.215, -2.16, 0], atol=1e-12)
 
 
-@pytest.mark.skipif(not PUBLISHED.is_file(), reason="the published camera file is not here")
-def test_ring8_is_the_published_rig() -> None:
-    published = read_published_cameras(PUBLISHED)
-    ours = RingRig().cameras(1080, 1920)
+def test_the_published_rig_starts_at_a_yaw_of_90_degrees_in_landscape_frames(
+    published_camera_file: Path,
+) -> None:
+    published = read_published_cameras(published_camera_file)
+    ours = RingRig(first_yaw_deg=90.0).cameras(1920, 1080)
 
     assert len(published) == len(ours)
     for theirs, camera in zip(published, ours, strict=True):
-        assert (theirs.width, theirs.height) == (camera.width, camera.height)
+        assert theirs.size == camera.size
         np.testing.assert_allclose(theirs.K, camera.K, atol=1e-6)
         np.testing.assert_allclose(theirs.world_to_camera, camera.world_to_camera, atol=1e-6)
+
+
+def test_views_are_counted_from_the_front_however_the_rig_numbers_them() -> None:
+    assert views_from_front(RingRig().cameras(90, 160)) == tuple(range(8))
+    published = RingRig(first_yaw_deg=90.0).cameras(160, 90)
+    assert views_from_front(published) == (6, 7, 0, 1, 2, 3, 4, 5)
+    assert [camera_yaw_deg(published[view]) for view in (6, 7, 0, 2)] == [0, 45, 90, 180]
+    # Nobody stands exactly in front: the nearest counts, and pitch does not matter.
+    assert views_from_front(RingRig(4, pitch_deg=30, first_yaw_deg=-100.0).cameras(9, 9)) == (
+        1, 2, 3, 0,
+    )  # fmt: skip
+    assert views_from_front(()) == ()
+    # A subject that faces +X has its left on -Z; one that faces 100 degrees is nearest to that.
+    for yaw_deg in (90, 100):
+        assert views_from_front(RingRig(4).cameras(9, 9), yaw_deg) == (1, 2, 3, 0)
 
 
 def test_a_lifted_ring_keeps_its_radius_and_looks_at_the_centre() -> None:

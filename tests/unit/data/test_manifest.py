@@ -28,6 +28,14 @@ def test_the_shipped_manifest_is_the_paper():
     assert paper.cameras()[0].K[0, 0] == pytest.approx(2666.667, abs=1e-3)
     assert quick.rig == paper.rig
     assert 4 * quick.width * quick.height <= paper.width * paper.height
+    example = manifest.recipe("published8")
+    assert (example.width, example.height, example.rig.first_yaw_deg) == (1920, 1080, 90.0)
+    units = manifest.datasets["thuman21-units"]
+    assert (units.scale, units.facing, units.subjects) == ("units", "+z", PAPER_IDS)
+    assert (
+        manifest.splits["thuman21-units-published"].subjects
+        == manifest.splits["thuman21-published"].subjects
+    )
     published = manifest.protocol("mexecon")
     assert published.samples == 30_000
     assert published.chamfer == "sample-to-sample"

@@ -141,3 +141,31 @@ def test_check_tells_present_missing_and_corrupt(tmp_path):
     assert states["material0.jpeg"] == ("present", "")
     assert states["smplx_param.pkl"] == ("missing", "")
     assert {c.state for c in check_subject(tmp_path, "9", needs_fit=True, sha256={})} == {"missing"}
+
+
+def test_a_scan_in_its_own_units_is_neither_scaled_nor_centred_nor_turned(tmp_path):
+    # 0.58 units high and standing elsewhere: no person in metres, and nothing to refuse or report.
+    there = turned(wedge(0.58), 40)
+    write_scan(tmp_path / "model/0001", "0001", there)
+    rule = dataset(scale="units")
+    found, mesh = load_scan("t", rule, tmp_path, "0001")
+    np.testing.assert_allclose(mesh.vertices, there.vertices, atol=1e-6)
+    np.testing.assert_array_equal(found.scan_to_world, np.eye(4))
+    np.testing.assert_allclose(load_world_mesh(found).vertices, mesh.vertices)
+    assert found.warnings == ()
+    assert mesh.texture is not None
+    assert found.identity()["scale_rule"] == "units"
+    assert found.front_yaw_deg == 0.0
+
+
+def test_in_its_own_units_the_facing_only_says_where_the_front_is(tmp_path):
+    there = turned(wedge(0.58), 40)
+    write_scan(tmp_path / "model/0001", "0001", there)
+    write_fit(tmp_path / "smplx/0001/smplx_param.pkl", 40)
+    for facing in ("fit", {"0001": 40.0}):
+        found, mesh = load_scan("t", dataset(scale="units", facing=facing), tmp_path, "0001")
+        assert found.front_yaw_deg == pytest.approx(40.0, abs=1e-4)
+        np.testing.assert_allclose(mesh.vertices, there.vertices, atol=1e-6)
+    # A rule that turns the scan leaves nothing to tell.
+    turned_scan, _ = load_scan("t", dataset(scale="height=1.7", facing="fit"), tmp_path, "0001")
+    assert turned_scan.front_yaw_deg == 0.0

@@ -39,6 +39,14 @@ def test_equal_seeds_give_equal_intervals():
     assert bootstrap_interval(values, seed=1) != bootstrap_interval(values)
 
 
+def test_plain_percentiles_are_those_of_the_resampled_means():
+    # Two values: a resampled mean is 0, 5 or 10 with chances 1/4, 1/2, 1/4.
+    wide = bootstrap_interval([0.0, 10.0], method="percentile")
+    narrow = bootstrap_interval([0.0, 10.0], method="percentile", level=0.4)
+    assert (wide.low, wide.high) == (0.0, 10.0)
+    assert (narrow.low, narrow.high) == (5.0, 5.0)
+
+
 def test_few_or_equal_values():
     one = bootstrap_interval([3.0])
     assert (one.mean, one.low, one.high, one.n) == (3, None, None, 1)

@@ -46,21 +46,23 @@ def run(tmp_path, monkeypatch):
     np.savez(labels, face_labels=np.array([0, 1], np.int16), names=np.array(["left", "right"]))
     scan = Scan("toy", "", tmp_path / "x.obj", "metres", "+z", np.eye(4), {}, labels_path=labels)
     drawn = {}
-    monkeypatch.setattr("reports.failures.failure_grid", lambda rows, *_: drawn.update(rows=rows))
-    monkeypatch.setattr(pictures.Capture, "load", str)
+    monkeypatch.setattr(
+        "reports.failures.failure_grid",
+        lambda rows, _, scale: drawn.update(rows=rows, label=scale.label),
+    )
     store = RunStore(tmp_path / "run")
 
-    def draw(records, subjects=SUBJECTS, scan=scan):
+    def draw(records, subjects=SUBJECTS, scan=scan, scale_rule="metres"):
         for one in records:
             if one.status == "ok":
                 save_mesh(store.cell(one.method_name, one.subject) / "mesh.ply", MESH)
         source = SimpleNamespace(
-            subjects=subjects, load=lambda _: (scan, MESH), capture_directory=str
+            subjects=subjects, load=lambda _: (scan, MESH), capture=str, scale_rule=scale_rule
         )
         pictures.failures(store, source, records, tmp_path / "failures.png")
         return drawn["rows"]
 
-    draw.scan = scan
+    draw.scan, draw.drawn = scan, drawn
     return draw
 
 
@@ -70,6 +72,13 @@ def test_the_four_worst_subjects_are_shown_worst_first(run):
     assert rows[0].panels[0].found.failure.text == "left: 35 mm"
     assert rows[0].face_regions.tolist() == ["left", "right"]
     assert rows[0].panels[0].found.errors_mm == pytest.approx(np.zeros(4), abs=1e-3)
+
+
+def test_colours_say_whether_they_are_of_millimetres(run):
+    run([record("m", "a", 10.0)])
+    assert run.drawn["label"] == "distance to the true surface (mm)"
+    run([record("m", "a", 10.0)], scale_rule="units")
+    assert run.drawn["label"].endswith("(thousandths of a scan unit)")
 
 
 def test_only_subjects_that_were_asked_for_are_shown(run):

@@ -87,5 +87,5 @@ def test_the_border_holds_the_subject(figure, recipe):
 def test_the_mesh_in_blenders_world_stands_up(figure):
     vertices = vertices_in_blender(figure)
     assert vertices[:, 2] == pytest.approx(figure.vertices[:, 1], abs=1e-6)  # up
-    assert vertices[:, 0] == pytest.approx(figure.vertices[:, 2], abs=1e-6)  # facing
-    assert vertices[:, 1] == pytest.approx(figure.vertices[:, 0], abs=1e-6)  # its left
+    assert -vertices[:, 1] == pytest.approx(figure.vertices[:, 2], abs=1e-6)  # facing -Y
+    assert vertices[:, 0] == pytest.approx(figure.vertices[:, 0], abs=1e-6)  # its left

@@ -1,5 +1,6 @@
 """A run's records as a frame: every record a row, every number where it belongs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,3 +35,9 @@ def test_units_go_along_and_nothing_makes_an_empty_frame():
     units = frame(RECORDS).attrs["units"]
     assert (units["chamfer"], units["normal_error"], units["wall_s"]) == ("mm", "deg", "s")
     assert frame([]).empty
+
+
+def test_rows_in_scan_units_can_be_told_from_those_in_metres():
+    own = [replace(record, scale_rule="units") for record in RECORDS]
+    made = frame([*RECORDS, *own])
+    assert (made.scale_rule == "units").sum() == len(RECORDS)
