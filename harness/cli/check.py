@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Json, Run, WorkspacePath
+from harness.cli.options import Json, Run, WorkspacePath, split_names
 
 __all__ = ["check"]
 
@@ -20,6 +20,14 @@ def check(
     update: Annotated[
         bool, typer.Option("--update", help="Write the present numbers as the baseline.")
     ] = False,
+    spread: Annotated[
+        str,
+        typer.Option(
+            "--spread",
+            help="With --update: other runs of the same cells, comma-separated; tolerances become "
+            "twice their largest difference.",
+        ),
+    ] = "",
     summary: Annotated[
         Path | None,
         typer.Option(
@@ -31,17 +39,20 @@ def check(
     workspace: WorkspacePath = None,
     as_json: Json = False,
 ) -> None:
-    """Compare a run's records with a baseline; exit 1 when a number moved or is missing."""
-    from harness.pipeline.baseline import Baseline
+    """Compare a run with a baseline; exit 1 when a number moved or a method is unguarded."""
+    from harness.pipeline.baseline import Baseline, with_spread
     from harness.pipeline.baseline import update as new_baseline
     from harness.pipeline.regress import compare, to_markdown, to_text
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
 
-    records = RunStore.existing(Workspace.default(workspace), run).records()
+    place = Workspace.default(workspace)
+    records = RunStore.existing(place, run).records()
     if update:
         previous = Baseline.load(baseline) if baseline.is_file() else None
-        new_baseline(records, previous).save(baseline)
+        made = new_baseline(records, previous)
+        others = {name: RunStore.existing(place, name).records() for name in split_names(spread)}
+        (with_spread(made, others) if others else made).save(baseline)
         print(f"{len(records)} records written to {baseline}")
         return
     comparison = compare(records, Baseline.load(baseline))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
 from harness.core.files import read_json, write_json
 from harness.core.records import Record
+from harness.core.units import Unit
+from reports.normal_maps import normals_of
 from reports.selection import check_comparable
 
 __all__ = [
@@ -19,7 +21,9 @@ __all__ = [
     "Value",
     "common_settings",
     "inputs_of",
+    "numbers_of",
     "update",
+    "with_spread",
 ]
 
 BASELINE_SCHEMA = 1
@@ -35,25 +39,29 @@ class Tolerance:
         absolute: In ``unit``.
         relative: Share of the baseline's number.
         unit: Unit of ``absolute`` and of the numbers that it is for.
+        source: Where it comes from.
     """
 
     absolute: float
     relative: float
     unit: str
+    source: str = ""
 
     def allowed(self, baseline: float) -> float:
         """The largest change, in ``unit``, that is not a move."""
         return self.absolute + self.relative * abs(baseline)
 
 
-#: Equal inputs give equal numbers on one machine; these leave room for another machine's rounding,
-#: which reaches the numbers through the renderer and the contouring.
+_ROUNDING = "room for another machine's rounding in the renderer and the contouring"
+#: Equal inputs give equal numbers on one machine.
 _DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
-    "mm": Tolerance(absolute=0.05, relative=0.005, unit="mm"),
-    "deg": Tolerance(absolute=0.05, relative=0.005, unit="deg"),
-    "1": Tolerance(absolute=0.0005, relative=0.01, unit="1"),
-    "ratio": Tolerance(absolute=0.002, relative=0.0, unit="ratio"),
+    "mm": Tolerance(absolute=0.05, relative=0.005, unit="mm", source=_ROUNDING),
+    "deg": Tolerance(absolute=0.05, relative=0.005, unit="deg", source=_ROUNDING),
+    "1": Tolerance(absolute=0.0005, relative=0.01, unit="1", source=_ROUNDING),
+    "ratio": Tolerance(absolute=0.002, relative=0.0, unit="ratio", source=_ROUNDING),
 }
+#: How many times the largest difference between runs a number may move.
+_SPREADS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,20 +94,39 @@ class Entry:
         return cls(
             key=record.key,
             status=record.status,
-            metrics={name: Value(m.value, m.unit) for name, m in record.metrics.items()},
+            metrics=numbers_of(record),
             inputs=inputs_of(record),
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Numbers of one dataset, recipe and protocol, by method and subject."""
+    """Numbers of one dataset, recipe and protocol, by method and subject.
+
+    Attributes:
+        dataset, recipe, protocol: What the numbers were made of.
+        tolerances: By metric, or by ``method/metric`` where a method has its own.
+        entries: By method and subject.
+        new_methods: Methods that have no numbers here on purpose, with the reason.
+    """
 
     dataset: str
     recipe: str
     protocol: Mapping[str, object]
     tolerances: Mapping[str, Tolerance]
     entries: Mapping[Cell, Entry] = field(default_factory=dict)
+    new_methods: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def tolerance(self, method: str, metric: str) -> Tolerance:
+        """How far a method's number may be from its baseline.
+
+        Raises:
+            DataError: the baseline has none for it.
+        """
+        for name in (f"{method}/{metric}", metric):
+            if name in self.tolerances:
+                return self.tolerances[name]
+        raise DataError(f"the baseline has no tolerance for {metric}", hint="Add it, or --update")
 
     def save(self, path: Path) -> None:
         """Write the baseline atomically, in an order that makes a readable diff."""
@@ -112,7 +139,8 @@ class Baseline:
             "dataset": self.dataset,
             "recipe": self.recipe,
             "protocol": dict(self.protocol),
-            "tolerances": {name: asdict(value) for name, value in self.tolerances.items()},
+            "tolerances": {name: asdict(self.tolerances[name]) for name in sorted(self.tolerances)},
+            "new_methods": dict(self.new_methods),
             "cells": cells,
         }
         write_json(path, document)
@@ -155,7 +183,23 @@ def _parse(document: Mapping[str, object]) -> Baseline:
             )
             for cell in cells
         },
+        new_methods=dict(document.get("new_methods", {})),  # type: ignore[call-overload]
     )
+
+
+def numbers_of(record: Record) -> dict[str, Value]:
+    """The numbers of a record that a baseline guards.
+
+    Its metrics, and the mean error in degrees of each normal map that the method made, on all
+    pixels of the subject: ``normal_map_0_near`` is the near side of view 0.
+    """
+    numbers = {name: Value(m.value, m.unit) for name, m in record.metrics.items()}
+    for entry in normals_of(record):
+        mean_deg = entry["all"]["estimate"]["mean_deg"]
+        if mean_deg is not None:
+            name = f"normal_map_{entry['view']}_{entry['side']}"
+            numbers[name] = Value(float(mean_deg), Unit.degree.value)
+    return numbers
 
 
 def update(records: Sequence[Record], previous: Baseline | None = None) -> Baseline:
@@ -169,16 +213,47 @@ def update(records: Sequence[Record], previous: Baseline | None = None) -> Basel
     dataset, recipe, protocol = common_settings(records)
     tolerances = dict(previous.tolerances) if previous else {}
     for record in records:
-        for name, estimate in record.metrics.items():
+        for name, number in numbers_of(record).items():
             if name not in tolerances:
-                tolerances[name] = _default_tolerance(name, estimate.unit)
+                tolerances[name] = _default_tolerance(name, number.unit)
     return Baseline(
         dataset=dataset,
         recipe=recipe,
         protocol=protocol,
         tolerances=tolerances,
+        new_methods=dict(previous.new_methods) if previous else {},
         entries={(record.method_name, record.subject): Entry.of(record) for record in records},
     )
+
+
+def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Baseline:
+    """The baseline with tolerances from how far other runs of the same cells are from it.
+
+    A method's tolerance for a metric becomes twice the largest difference over its subjects and
+    over the runs, but not less than the default; it says so as its source.
+
+    Args:
+        baseline: Whose numbers stay.
+        runs: Records of the same cells, by the run's name.
+    """
+    largest: dict[str, tuple[float, str]] = {}
+    for records in runs.values():
+        for record in records:
+            entry = baseline.entries.get((record.method_name, record.subject))
+            for name, number in numbers_of(record).items():
+                if entry is None or name not in entry.metrics:
+                    continue
+                path = f"{record.method_name}/{name}"
+                apart = abs(number.value - entry.metrics[name].value)
+                largest[path] = max(largest.get(path, (0.0, "")), (apart, number.unit))
+    tolerances = {path: value for path, value in baseline.tolerances.items() if "/" not in path}
+    for path, (apart, unit) in largest.items():
+        default = tolerances.get(path.partition("/")[2]) or _default_tolerance(path, unit)
+        if _SPREADS * apart > default.absolute:
+            source = f"twice the largest difference of the runs {', '.join(runs)}"
+            absolute = float(f"{_SPREADS * apart:.3g}")
+            tolerances[path] = Tolerance(absolute, default.relative, unit, source)
+    return replace(baseline, tolerances=tolerances)
 
 
 def common_settings(records: Sequence[Record]) -> tuple[str, str, Mapping[str, object]]:

@@ -5,9 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from harness.core.errors import DataError, ProtocolMismatch
+from harness.core.errors import ProtocolMismatch
 from harness.core.records import Record
-from harness.pipeline.baseline import Baseline, Entry, Tolerance, Value, common_settings, inputs_of
+from harness.pipeline.baseline import (
+    Baseline,
+    Entry,
+    Tolerance,
+    Value,
+    common_settings,
+    inputs_of,
+    numbers_of,
+)
 
 __all__ = ["Changed", "Comparison", "Missing", "Moved", "compare", "to_markdown", "to_text"]
 
@@ -60,6 +68,7 @@ class Comparison:
 
     Attributes:
         moved, missing: Failures.
+        unlisted: Methods that the baseline neither has numbers of nor lists as new: failures, too.
         new: Numbers that the baseline does not have, as (method, subject, metric).
         unchanged: How many numbers are within their tolerance.
         changed: Cells whose inputs are not those of the baseline.
@@ -67,14 +76,15 @@ class Comparison:
 
     moved: tuple[Moved, ...] = ()
     missing: tuple[Missing, ...] = ()
+    unlisted: tuple[str, ...] = ()
     new: tuple[tuple[str, str, str], ...] = ()
     unchanged: int = 0
     changed: tuple[Changed, ...] = ()
 
     @property
     def passed(self) -> bool:
-        """Whether nothing moved and nothing is missing."""
-        return not self.moved and not self.missing
+        """Whether nothing moved, nothing is missing, and no method is unguarded."""
+        return not (self.moved or self.missing or self.unlisted)
 
 
 @dataclass(slots=True)
@@ -90,8 +100,9 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
     """Each number of the records against the baseline's.
 
     A number moved when it differs by more than ``absolute + relative * |baseline|``. A cell of the
-    baseline that has no record, or a record without its numbers, is missing; a number that only the
-    records have is new, which is no failure.
+    baseline that has no record, or a record without its numbers, is missing. A method without
+    numbers in the baseline is unlisted, unless the baseline names it as new on purpose. A number
+    that only the records of a guarded method have is new, which is no failure.
 
     Raises:
         HarnessError: no records.
@@ -102,15 +113,17 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
     present = {(record.method_name, record.subject): record for record in records}
     findings = _Findings()
     for cell, entry in sorted(baseline.entries.items()):
-        _compare_cell(cell, entry, present.get(cell), baseline.tolerances, findings)
+        _compare_cell(cell, entry, present.get(cell), baseline, findings)
     for (method, subject), record in sorted(present.items()):
         known = baseline.entries.get((method, subject))
         findings.new += [
             (method, subject, metric)
-            for metric in record.metrics
+            for metric in numbers_of(record)
             if known is None or metric not in known.metrics
         ]
+    guarded = {method for method, _ in baseline.entries} | {*baseline.new_methods}
     return Comparison(
+        unlisted=tuple(sorted({record.method_name for record in records} - guarded)),
         moved=tuple(findings.moved),
         missing=tuple(findings.missing),
         new=tuple(findings.new),
@@ -139,24 +152,26 @@ def _compare_cell(
     cell: tuple[str, str],
     entry: Entry,
     record: Record | None,
-    tolerances: Mapping[str, Tolerance],
+    baseline: Baseline,
     findings: _Findings,
 ) -> None:
     if record is None or (entry.metrics and record.status != "ok"):
         findings.missing.append(Missing(*cell, "all", _absence(record)))
         return
     findings.changed += _changes(cell, entry, record)
+    numbers = numbers_of(record)
     for metric, before in entry.metrics.items():
-        if metric not in record.metrics:
+        if metric not in numbers:
             findings.missing.append(Missing(*cell, metric, "no longer measured"))
             continue
-        after = Value(record.metrics[metric].value, record.metrics[metric].unit)
-        allowed = _tolerance(metric, before, after, tolerances).allowed(before.value)
+        after, tolerance = numbers[metric], baseline.tolerance(record.method_name, metric)
+        _check_units(metric, before, after, tolerance)
+        allowed = tolerance.allowed(before.value)
         if abs(after.value - before.value) <= allowed:  # false for NaN, which thus counts as moved
             findings.unchanged += 1
         else:
-            numbers = (before.value, after.value, allowed)
-            findings.moved.append(Moved(*cell, metric, before.unit, *numbers))
+            values = (before.value, after.value, allowed)
+            findings.moved.append(Moved(*cell, metric, before.unit, *values))
 
 
 def _absence(record: Record | None) -> str:
@@ -165,12 +180,7 @@ def _absence(record: Record | None) -> str:
     return f"{record.status}: {next(iter(record.reason.splitlines()), 'no reason given')}"
 
 
-def _tolerance(
-    metric: str, before: Value, after: Value, tolerances: Mapping[str, Tolerance]
-) -> Tolerance:
-    if metric not in tolerances:
-        raise DataError(f"the baseline has no tolerance for {metric}", hint="Add it, or --update")
-    tolerance = tolerances[metric]
+def _check_units(metric: str, before: Value, after: Value, tolerance: Tolerance) -> None:
     if not before.unit == after.unit == tolerance.unit:
         raise ProtocolMismatch(
             f"{metric} is in another unit than its baseline or tolerance",
@@ -178,7 +188,6 @@ def _tolerance(
             got=after.unit,
             hint="Write the baseline again with --update",
         )
-    return tolerance
 
 
 def _changes(cell: tuple[str, str], entry: Entry, record: Record) -> list[Changed]:
@@ -197,7 +206,12 @@ def to_text(comparison: Comparison) -> str:
     """The comparison for a terminal: what moved, is missing or else changed, and the verdict."""
     blocks = [
         _aligned(rows)
-        for rows in (_moved_rows(comparison), _missing_rows(comparison), _changed_rows(comparison))
+        for rows in (
+            _moved_rows(comparison),
+            _missing_rows(comparison),
+            _unlisted_rows(comparison),
+            _changed_rows(comparison),
+        )
         if len(rows) > 1
     ]
     return "\n\n".join([*blocks, _verdict(comparison)]) + "\n"
@@ -205,9 +219,14 @@ def to_text(comparison: Comparison) -> str:
 
 def to_markdown(comparison: Comparison) -> str:
     """The comparison for the summary page of a CI job."""
-    titles = ("Moved", "Missing", "Inputs that differ")
+    titles = ("Moved", "Missing", "Without numbers in the baseline", "Inputs that differ")
     parts = ["## Metric regression", "", f"{_verdict(comparison)}"]
-    tables = (_moved_rows(comparison), _missing_rows(comparison), _changed_rows(comparison))
+    tables = (
+        _moved_rows(comparison),
+        _missing_rows(comparison),
+        _unlisted_rows(comparison),
+        _changed_rows(comparison),
+    )
     for title, rows in zip(titles, tables, strict=True):
         if len(rows) > 1:
             grid = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
@@ -222,6 +241,8 @@ def _verdict(comparison: Comparison) -> str:
         f"{len(comparison.new)} new, {comparison.unchanged} unchanged; "
         f"inputs differ in {len(comparison.changed)} cells"
     )
+    if comparison.unlisted:
+        counts = f"{counts}; no numbers in the baseline: {', '.join(comparison.unlisted)}"
     return f"{'passed' if comparison.passed else 'FAILED'}: {counts}"
 
 
@@ -237,6 +258,11 @@ def _moved_rows(comparison: Comparison) -> list[list[str]]:
 def _missing_rows(comparison: Comparison) -> list[list[str]]:
     header = ["method", "subject", "metric", "why missing"]
     return [header, *([m.method, m.subject, m.metric, m.reason] for m in comparison.missing)]
+
+
+def _unlisted_rows(comparison: Comparison) -> list[list[str]]:
+    hint = "write its numbers with --update, or name it under 'new_methods' with the reason"
+    return [["method", "next step"], *([method, hint] for method in comparison.unlisted)]
 
 
 def _changed_rows(comparison: Comparison) -> list[list[str]]:

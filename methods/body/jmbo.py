@@ -120,9 +120,15 @@ def optimise(
         if weights.early_stop and not weights.batch and _converged(costs):
             ended = "converged"
             break
-    last = -1 if keeps_last else int(np.argmin(costs))
-    pairs = {name: (terms[0][name], terms[last][name]) for name in terms[0]} if terms else {}
-    return Fit(best, tuple(costs), pairs, ended)
+    kept = -1 if keeps_last else int(np.argmin(costs))
+    return Fit(best, tuple(costs), _first_and_kept(terms, kept), ended)
+
+
+def _first_and_kept(
+    terms: Sequence[Mapping[str, float]], kept: int
+) -> dict[str, tuple[float, float]]:
+    """Each term at the start and at the iterate that is kept."""
+    return {name: (value, terms[kept][name]) for name, value in terms[0].items()} if terms else {}
 
 
 def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:

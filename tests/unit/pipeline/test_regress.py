@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 
 from harness.core.errors import DataError, HarnessError, ProtocolMismatch
 from harness.core.records import MetricValue
-from harness.pipeline.baseline import Baseline, Tolerance, Value, inputs_of, update
+from harness.pipeline.baseline import (
+    Baseline,
+    Tolerance,
+    Value,
+    inputs_of,
+    update,
+    with_spread,
+)
 from harness.pipeline.regress import compare, to_markdown, to_text
 from harness.pipeline.store import RunStore
 
@@ -237,3 +244,42 @@ def test_the_file_is_meant_to_be_read(tmp_path):
     assert cell["inputs"]["method.parameters.voxel_m"] == "0.004"
     assert document["tolerances"]["chamfer"]["unit"] == "mm"
     assert "host" not in path.read_text()
+
+
+def test_a_method_without_a_row_fails_unless_it_is_new_on_purpose():
+    other = [replace(record, method={**record.method, "name": "fresh"}) for record in HULL]
+    base = update(HULL)
+    comparison = compare([*HULL, *other], base)
+    assert comparison.unlisted == ("fresh",)
+    assert not comparison.passed
+    assert "fresh" in to_text(comparison)
+    assert "fresh" in to_markdown(comparison)
+    listed = replace(base, new_methods={"fresh": "its numbers come with the next release"})
+    assert compare([*HULL, *other], listed).passed
+
+
+def test_errors_of_normal_maps_are_guarded_like_metrics():
+    def with_maps(record, mean_deg):
+        entry = {"view": 0, "side": "near", "all": {"estimate": {"mean_deg": mean_deg}}}
+        return replace(record, details={**record.details, "normal_maps": [entry]})
+
+    base = update([with_maps(HULL[0], 12.0)])
+    assert base.entries["hull8", HULL[0].subject].metrics["normal_map_0_near"].value == 12.0
+    assert compare([with_maps(HULL[0], 12.05)], base).passed
+    (moved,) = compare([with_maps(HULL[0], 13.0)], base).moved
+    assert (moved.metric, moved.unit) == ("normal_map_0_near", "deg")
+    (missing,) = compare([HULL[0]], base).missing
+    assert missing.metric == "normal_map_0_near"
+
+
+def test_a_measured_spread_becomes_the_methods_own_tolerance(tmp_path):
+    base = update([with_chamfer(HULL[0], 20.0)])
+    made = with_spread(base, {"other-light": [with_chamfer(HULL[0], 20.4)]})
+    own = made.tolerance("hull8", "chamfer")
+    assert own.absolute == pytest.approx(0.8)
+    assert "other-light" in own.source
+    assert made.tolerance("gt", "chamfer") == base.tolerance("gt", "chamfer")
+    # What hardly differs keeps the default, which is for rounding.
+    assert "hull8/normal_error" not in made.tolerances
+    made.save(tmp_path / "baseline.json")
+    assert Baseline.load(tmp_path / "baseline.json") == made
