@@ -184,7 +184,7 @@ class Body:
             transforms = transforms @ self._from_unposed
         vertices = out["vertices"][0].double().numpy() @ ANNY_TO_PRODUCT.T
         if self.offsets is not None:
-            vertices = vertices + self._carried_offsets(transforms)
+            vertices = vertices + self._carried(self.offsets, transforms)
         return Posed(
             vertices=vertices,
             transforms=transforms,
@@ -192,12 +192,12 @@ class Body:
             parameters=parameters,
         )
 
-    def _carried_offsets(self, transforms: Floats) -> Floats:
-        """The offsets (V,3) turned with the bones that carry them; as they are while unposed."""
-        if self.offsets is None or self._from_unposed is None:
-            return np.zeros(3) if self.offsets is None else self.offsets
+    def _carried(self, offsets: Floats, transforms: Floats) -> Floats:
+        """Offsets (V,3) turned with the bones that carry them; as they are while unposed."""
+        if self._from_unposed is None:
+            return offsets
         return carry(self.vertices, self.weights, transforms) - carry(
-            self.vertices - self.offsets, self.weights, transforms
+            self.vertices - offsets, self.weights, transforms
         )
 
 

@@ -1,5 +1,6 @@
 """Sealed data: no look without a reason, and a line in the log for each."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
+from harness.data.avatars import AVATARS_VERSION, recipe_for
 from harness.data.manifest import load_manifest
 from harness.pipeline import captures, environment, sealed
 from harness.pipeline.captures import make_avatars, render_all, show_avatar
@@ -193,6 +195,17 @@ def test_making_and_rendering_is_announced_and_not_logged(manifest, place, monke
         work(source_of(manifest, place, "avatars", ("a01",)), 1, heard)
         assert not heard.lines
     assert not rows(place)
+
+
+def test_a_subject_whose_recipe_changed_is_made_anew(manifest, place):
+    source = source_of(manifest, place)
+    recipe = json.loads(json.dumps(recipe_for("s01").as_dict()))
+    mark = source.avatar_directory("s01") / "avatar.json"
+    mark.parent.mkdir(parents=True)
+    for pose, current in ((recipe["pose"], True), ("another", False)):
+        made = {"version": AVATARS_VERSION, "recipe": {**recipe, "pose": pose}}
+        mark.write_text(json.dumps(made))
+        assert source.avatar_is_current("s01") is current
 
 
 def test_training_refuses_sealed_subjects(manifest, place):
