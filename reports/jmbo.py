@@ -57,11 +57,34 @@ def jmbo_table(
         remarks=(
             "Losses: per image, mean over the views; weights of the total 1, 0.2, 0.1",
             "Joints: 12, no alignment",
+            *_about_the_truth([record for group in with_body for record in group.ok]),
             *selection.remarks,
             *([f"Without a fitted body: {'; '.join(without)}"] if without else []),
         ),
         published=PUBLISHED["jmbo"] if published else None,
     )
+
+
+def _about_the_truth(records: Sequence[Record]) -> list[str]:
+    """How near the true bodies are to what the fitted model can give.
+
+    Only where truth and fit are one model is there a joint error.
+    """
+    if not any("joint_error" in record.metrics for record in records):
+        return []
+    remarks = ["The fitted body is of the family that generated the subjects (Anny)"]
+    off = {
+        record.subject: record.metrics["off_model"].value
+        for record in records
+        if "off_model" in record.metrics
+    }
+    if off:
+        remarks.append(
+            f"{len(off)} true bodies are off the model's manifold: their surface is "
+            f"{min(off.values()):.1f} to {max(off.values()):.1f} mm (root mean square) from what "
+            "the model gives for the subject's own parameters"
+        )
+    return remarks
 
 
 def _has_body(group: Group) -> bool:

@@ -13,6 +13,7 @@ from harness.cli.options import (
     Jobs,
     Json,
     ManifestPath,
+    Reason,
     Subjects,
     WorkspacePath,
     split_names,
@@ -81,10 +82,12 @@ def show(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="The PNG. Default: SUBJECT.png.")
     ] = None,
+    reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
 ) -> None:
     """A contact sheet of a generated subject: eight views, bare geometry, the body underneath."""
+    from harness.cli.display import Bars
     from harness.data.manifest import load_manifest
     from harness.pipeline.captures import show_avatar
     from harness.pipeline.sources import Source
@@ -93,7 +96,7 @@ def show(
     checked = load_manifest(manifest)
     recipe = next(iter(checked.recipes))
     source = Source.select(checked, Workspace.default(workspace), dataset, (subject,), recipe)
-    print(show_avatar(source, output or Path(f"{subject}.png")))
+    print(show_avatar(source, output or Path(f"{subject}.png"), Bars(), reason))
 
 
 @app.command("make")

@@ -13,6 +13,7 @@ from harness.cli.options import (
     Json,
     ManifestPath,
     Protocol,
+    Reason,
     Recipe,
     Set,
     Subjects,
@@ -44,6 +45,7 @@ def evaluate(
             help="Keep intermediate results: normal maps, sheets, a contact sheet of the stages.",
         ),
     ] = False,
+    reason: Reason = "",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would run.")] = False,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
@@ -67,6 +69,7 @@ def evaluate(
         jobs=jobs,
         settings=parsed_settings(settings),
         keep=keep,
+        reason=reason,
     )
     if dry_run:
         _show_plan(request, as_json=as_json)
@@ -77,8 +80,11 @@ def evaluate(
 def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
     from dataclasses import asdict
 
+    from harness.cli.display import Bars
     from harness.pipeline.plan import plan
+    from harness.pipeline.sealed import announce
 
+    announce(request.source.manifest, request.source.name, Bars())
     cells = plan(request)
     if as_json:
         print(json.dumps([asdict(cell) for cell in cells], indent=2))

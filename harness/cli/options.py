@@ -15,6 +15,7 @@ __all__ = [
     "Json",
     "ManifestPath",
     "Protocol",
+    "Reason",
     "Recipe",
     "Run",
     "Set",
@@ -41,6 +42,9 @@ Recipe = Annotated[str, typer.Option("--recipe", help="Render recipe of the mani
 Protocol = Annotated[str, typer.Option("--protocol", help="Metric protocol of the manifest.")]
 Run = Annotated[str | None, typer.Option("--run", help="Run folder. Default: the last one.")]
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Subjects worked on at once.")]
+Reason = Annotated[
+    str, typer.Option("--reason", help="Why sealed subjects are looked at; it is logged.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Json, ManifestPath, Run, Subjects, WorkspacePath, split_names
+from harness.cli.options import (
+    Json,
+    ManifestPath,
+    Reason,
+    Run,
+    Subjects,
+    WorkspacePath,
+    split_names,
+)
 from harness.core.errors import HarnessError, did_you_mean
 
 if TYPE_CHECKING:
@@ -53,6 +61,7 @@ def report(
             "--figure", help="A figure instead: qualitative, overlay, bodies, failures or normals."
         ),
     ] = "",
+    reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
@@ -68,6 +77,7 @@ def report(
         draw = _figure(figure)
         records = in_order(store.records(), split_names(method))
         source = _source(store, records, place, manifest, split_names(subjects))
+        _admit(figure, source, tuple(dict.fromkeys(r.method_name for r in records)), reason)
         print(draw(store, source, records, output or store.directory / f"{figure}.png"))
         return
     request = ReportRequest(
@@ -109,6 +119,17 @@ def _figure(name: str) -> Callable[[RunStore, Source, Sequence[Record], Path], P
     if name not in FIGURES:
         raise HarnessError(f"unknown figure '{name}'", hint=did_you_mean(name, FIGURES))
     return FIGURES[name]
+
+
+def _admit(figure: str, source: Source, methods: tuple[str, ...], reason: str) -> None:
+    """Figures of sealed subjects need a reason and are logged."""
+    from harness.cli.display import Bars
+    from harness.pipeline.sealed import Look, admit
+
+    look = Look(
+        f"figure {figure}", source.name, source.subjects, reason, methods, source.recipe.name
+    )
+    admit(source.manifest, source.workspace, look, Bars())
 
 
 def _source(

@@ -13,6 +13,7 @@ from harness.cli.options import (
     Json,
     ManifestPath,
     Protocol,
+    Reason,
     Subjects,
     WorkspacePath,
     split_names,
@@ -43,6 +44,7 @@ def score(
     points: Annotated[
         Path | None, typer.Option("--points", help="Write per-point errors of a pair to this .npz.")
     ] = None,
+    reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
@@ -60,6 +62,7 @@ def score(
     elif dataset and gt is None:
         if not name:
             raise HarnessError("a folder needs a name", hint="Give --name mymethod")
+        _admit(checked, (dataset, split_names(subjects)), name, reason, workspace)
         _folder(
             checked,
             (predicted, name, title or name),
@@ -73,6 +76,23 @@ def score(
             "score what against what?",
             hint="Give --gt TRUTH for one mesh, or --dataset NAME --name METHOD for a folder",
         )
+
+
+def _admit(
+    manifest: Manifest,
+    target: tuple[str, tuple[str, ...]],
+    method: str,
+    reason: str,
+    workspace: Path | None,
+) -> None:
+    """Scores of meshes on sealed subjects need a reason and are logged."""
+    from harness.cli.display import Bars
+    from harness.pipeline.sealed import Look, admit
+    from harness.pipeline.workspace import Workspace
+
+    dataset, _, subjects = manifest.select(*target)
+    look = Look("scores of meshes", dataset, subjects, reason, (method,))
+    admit(manifest, Workspace.default(workspace), look, Bars())
 
 
 def _pair(

@@ -87,6 +87,11 @@ _DESCRIPTIONS = (
         "Mean distance of the fitted body's vertices from the true body's, not aligned.",
     ),
     MetricDescription(
+        "off_model", "Off the model", "Off the model", _MM, 1, _OURS,
+        "Of the subject, not of the method: root mean square distance of the true body's vertices "
+        "from those that the fitted model gives for the subject's own parameters.",
+    ),
+    MetricDescription(
         "silhouette_iou", "Silhouette IoU", "Silhouette IoU", _RATIO, 3, _OURS,
         "Intersection over union of the silhouettes of the fitted body and of the scan, mean over "
         "the views; more is better. A clothed scan's silhouette is larger than its true body's.",

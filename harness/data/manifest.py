@@ -79,6 +79,7 @@ class Dataset(_Strict):
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
         scan_noise_mm: Of generated subjects: standard deviation of bumps such as a scanner leaves.
+        sealed: Kept for the last test: looking at it needs a reason and is logged.
         source: Where the user gets the data.
         sha256: Expected checksums by path below the root.
     """
@@ -92,6 +93,7 @@ class Dataset(_Strict):
     subjects: tuple[str, ...]
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
     scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
+    sealed: bool = False
     source: str = ""
     sha256: dict[str, str] = Field(default_factory=dict)
 

@@ -18,7 +18,7 @@ from harness.core.camera import Camera
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.records import MetricValue
-from harness.core.units import Unit
+from harness.core.units import MM_PER_METRE, Unit
 from harness.geometry.raycast import Raycaster
 from metrics import body as measure
 
@@ -38,11 +38,14 @@ class TrueBody:
     Attributes:
         vertices: (V, 3) metres.
         joints: (J, 3) metres, by the names of ``joint_names``.
+        off_model_mm: How far the vertices are (root mean square) from the surface that the body
+            model gives for the subject's parameters; 0 where the body is one of the model's.
     """
 
     vertices: Floats
     joints: Floats
     joint_names: tuple[str, ...]
+    off_model_mm: float = 0.0
 
     @classmethod
     def of(cls, scan: Scan) -> TrueBody | None:
@@ -57,10 +60,16 @@ class TrueBody:
             with np.load(scan.body_path, allow_pickle=False) as file:
                 vertices, joints = file["vertices"], file["joints"]
                 names = tuple(str(name) for name in file["joint_names"])
+                off_m = float(file["off_model_rms_m"]) if "off_model_rms_m" in file else 0.0
         except (KeyError, ValueError, OSError, BadZipFile) as error:
             raise DataError(f"{scan.body_path} is no true body", got=repr(error)) from error
         turn, shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
-        return cls(vertices @ turn.T + shift, joints @ turn.T + shift, names)
+        return cls(
+            vertices @ turn.T + shift,
+            joints @ turn.T + shift,
+            names,
+            off_m * MM_PER_METRE,
+        )
 
 
 def body_metrics(
@@ -155,7 +164,10 @@ def _against_truth(body: Body, truth: TrueBody | None) -> Mapping[str, MetricVal
     joints = measure.joint_error_mm(body.joints[main], truth.joints[main])
     vertices = measure.vertex_error_mm(body.vertices, truth.vertices)
     unit = Unit.millimetre.value
-    return {
+    off = {}
+    if truth.off_model_mm:
+        off["off_model"] = _value(truth.off_model_mm, unit, len(vertices))
+    return off | {
         "joint_error": _value(float(joints.mean()), unit, len(joints)),
         "vertex_error": _value(float(vertices.mean()), unit, len(vertices)),
     }

@@ -11,6 +11,7 @@ from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.workers import run_worker
 from harness.pipeline.progress import Progress, Silent, counted
+from harness.pipeline.sealed import Look, admit, announce
 from harness.pipeline.sources import Source
 
 __all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all", "show_avatar"]
@@ -64,6 +65,7 @@ def photograph(source: Source, subject: str, progress: Progress) -> Capture:
 def render_all(source: Source, jobs: int, progress: Progress) -> list[CaptureOutcome]:
     """The photos of all subjects of a source; one that fails does not stop the others."""
     source.root()
+    announce(source.manifest, source.name, progress)
     states = {subject: source.capture_state(subject)[0] for subject in source.subjects}
     waiting = sum(state != "cached" for state in states.values())
     progress.expect(PHOTOS, waiting * source.recipe.rig.views)
@@ -81,15 +83,18 @@ def render_all(source: Source, jobs: int, progress: Progress) -> list[CaptureOut
         return list(pool.map(one, source.subjects))
 
 
-def show_avatar(source: Source, path: Path) -> Path:
+def show_avatar(source: Source, path: Path, progress: Progress, reason: str = "") -> Path:
     """Write the contact sheet of a source's first subject, which is made if it is not there.
 
     Raises:
-        HarnessError: the dataset is not one that is generated.
+        HarnessError: the dataset is not one that is generated, or it is sealed and there is no
+            reason to look at it.
     """
     from harness.data.avatars import avatar_sheet
     from harness.geometry.images import save_png
 
+    look = Look("contact sheet", source.name, source.subjects[:1], reason)
+    admit(source.manifest, source.workspace, look, progress)
     outcome = make_avatars(source, 1, Silent())[0]
     if outcome.failure:
         raise HarnessError(outcome.failure)
@@ -108,6 +113,7 @@ def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureO
             f"dataset '{source.name}' is not generated",
             hint=f"'harness data check {source.name}' shows where its files belong",
         )
+    announce(source.manifest, source.name, progress)
     waiting = [subject for subject in source.subjects if not source.avatar_is_current(subject)]
     progress.expect("avatars", len(waiting))
 

@@ -12,7 +12,10 @@ from pathlib import Path
 
 import harness
 
-__all__ = ["environment", "utc_now"]
+__all__ = ["SEALED_LOG", "checkout", "environment", "utc_now"]
+
+SEALED_LOG = "docs/sealed.md"
+"""Where a checkout logs looks at sealed data; a new line in it changes no number."""
 
 _PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe")
 
@@ -43,19 +46,26 @@ def _version(package: str) -> str | None:
         return None
 
 
+def checkout() -> Path | None:
+    """The source checkout that this program runs from, or None if it was installed."""
+    folder = Path(__file__).resolve().parents[2]
+    return folder if (folder / ".git").exists() else None
+
+
 def _commit() -> dict[str, object]:
-    checkout = Path(__file__).resolve().parents[2]
-    if not (checkout / ".git").exists():
+    folder = checkout()
+    if folder is None:
         return {"commit": None, "dirty": None}
     try:
-        commit = _git(checkout, "rev-parse", "HEAD")
-        return {"commit": commit, "dirty": bool(_git(checkout, "status", "--porcelain"))}
+        commit = _git(folder, "rev-parse", "HEAD")
+        changed = _git(folder, "status", "--porcelain", "--", ".", f":(exclude){SEALED_LOG}")
+        return {"commit": commit, "dirty": bool(changed)}
     except (OSError, subprocess.SubprocessError):
         return {"commit": None, "dirty": None}
 
 
-def _git(checkout: Path, *arguments: str) -> str:
-    command = ["git", "-C", str(checkout), *arguments]
+def _git(folder: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(folder), *arguments]
     return subprocess.run(
         command, capture_output=True, text=True, check=True, timeout=10
     ).stdout.strip()

@@ -21,6 +21,7 @@ from harness.pipeline.captures import PHOTOS, photograph
 from harness.pipeline.environment import environment, utc_now
 from harness.pipeline.plan import EvalRequest, plan, plan_cell, record_key, resolve_method
 from harness.pipeline.progress import Progress
+from harness.pipeline.sealed import Look, admit
 
 __all__ = ["EvalSummary", "evaluate"]
 
@@ -49,12 +50,18 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     """Carry a request out and return all its records.
 
     Raises:
-        HarnessError: the request itself is wrong (unknown names, no dataset); what goes wrong with
-            one subject is a record instead.
+        HarnessError: the request itself is wrong (unknown names, no dataset, sealed subjects and no
+            reason); what goes wrong with one subject is a record instead.
     """
     for method in request.methods:
         resolve_method(method, request.settings)
-    request.source.root()
+    source = request.source
+    source.root()
+    look = Look(
+        "evaluation", source.name, source.subjects, request.reason, request.methods,
+        source.recipe.name,
+    )  # fmt: skip
+    admit(source.manifest, source.workspace, look, progress)
     request.store.begin()
     cells = plan(request)
     waiting = {cell.subject for cell in cells if not cell.key}

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.camera import Camera
-from harness.core.errors import HarnessError
+from harness.core.errors import DataError, HarnessError
 from harness.core.protocols import Context
 from harness.core.units import MM_PER_METRE
 from harness.pipeline.true_parameters import true_parameters
@@ -105,11 +105,19 @@ def true_posed(body: AnnyBody, scan: Scan) -> Posed:
     """A generated subject's true body in the world frame.
 
     Raises:
-        DataError: as ``true_parameters``.
+        DataError: as ``true_parameters``, or the body was moved off the model, so that the model's
+            surface, from which landmarks are blended, is not the true one.
     """
     import torch
 
     truth = true_parameters(scan)
+    if truth.off_model_m:
+        raise DataError(
+            f"the body of {scan.subject} is none that the body model can give",
+            expected="a body whose parameters give its surface",
+            got=f"one {truth.off_model_m * MM_PER_METRE:.1f} mm off",
+            hint="Use subjects of avatars-train",
+        )
     posed = body.posed_as(truth.pose_parameters, truth.phenotype)
     shift = torch.tensor(scan.scan_to_world[:3, 3], dtype=torch.float32)
     return replace(posed, vertices=posed.vertices + shift, joints=posed.joints + shift)

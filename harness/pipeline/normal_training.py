@@ -16,6 +16,7 @@ from harness.core.files import exclusive_lock, remove_leftovers
 from harness.core.workers import run_worker
 from harness.pipeline.normal_samples import SampleSettings, samples_key
 from harness.pipeline.progress import Progress, counted
+from harness.pipeline.sealed import refuse
 from harness.pipeline.sources import Source
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     """Train a network on the samples of a source, going on where an earlier call stopped.
 
     Raises:
-        HarnessError: too few subjects, or test subjects among them.
+        HarnessError: too few subjects, sealed subjects, or test subjects among them.
         MissingPart: PyTorch or onnx is not installed.
     """
     import torch
@@ -78,6 +79,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     from methods.normals.samples import Samples
     from methods.normals.training import judged, train
 
+    refuse(request.source.manifest, request.source.name, "training")
     subjects = request.source.subjects
     if not 0 < request.held_out < len(subjects):
         raise HarnessError(

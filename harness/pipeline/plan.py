@@ -29,6 +29,7 @@ class EvalRequest:
         jobs: Subjects worked on at once.
         settings: Settings of the methods that differ from their defaults, as text.
         keep: Whether intermediate results are kept beside the mesh.
+        reason: Why sealed subjects are evaluated; asked for nowhere else.
     """
 
     source: Source
@@ -39,6 +40,7 @@ class EvalRequest:
     jobs: int = 1
     settings: Mapping[str, str] = field(default_factory=dict)
     keep: bool = False
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,15 +81,17 @@ class Source:
         return self.root() / "model" / subject
 
     def avatar_is_current(self, subject: str) -> bool:
-        """Whether a generated subject is there, made by this generator with the same noise."""
-        from harness.data.avatars import AVATARS_VERSION
+        """Whether a generated subject is there, made by this generator from the recipe that its id
+        has now, with the same noise.
+        """
+        from harness.data.avatars import AVATARS_VERSION, recipe_for
 
         mark = self.avatar_directory(subject) / "avatar.json"
         made = read_json(mark) if mark.is_file() else {}
         return (made.get("version"), made.get("scan_noise_mm", 0.0)) == (
             AVATARS_VERSION,
             self._scan_noise_mm,
-        )
+        ) and made.get("recipe") == json.loads(json.dumps(recipe_for(subject).as_dict()))
 
     def make_avatar(self, subject: str) -> bool:
         """Make a generated subject unless it is there already; whether it was made now."""

@@ -14,6 +14,9 @@ __all__ = ["true_parameters"]
 def true_parameters(scan: Scan) -> TrueParameters:
     """What re-creates the subject's Anny body, in the scan's own frame.
 
+    A body that was moved off the model is told by ``off_model_m``: its joints are re-created, its
+    surface only to that distance, as far as any fit of the model can come.
+
     Raises:
         DataError: no true body beside the scan, or not one of Anny's.
     """
@@ -28,4 +31,6 @@ def true_parameters(scan: Scan) -> TrueParameters:
             )
         names = [str(name) for name in file["phenotype_names"]]
         values = [float(value) for value in file["phenotype"]]
-        return TrueParameters(file["pose_parameters"], dict(zip(names, values, strict=True)))
+        off_m = float(file["off_model_rms_m"]) if "off_model_rms_m" in file else 0.0
+        phenotype = dict(zip(names, values, strict=True))
+        return TrueParameters(file["pose_parameters"], phenotype, off_m)

@@ -24,10 +24,13 @@ class TrueParameters:
     Attributes:
         pose_parameters: (J, 4, 4) in Anny's axes, ``local-ref``.
         phenotype: Values in [0, 1] by name.
+        off_model_m: How far the true surface is (root mean square) from the one that these give;
+            0 where the body is one of Anny's. Joints are where these put them either way.
     """
 
     pose_parameters: Floats
     phenotype: dict[str, float]
+    off_model_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,9 @@
 """Generated clothed avatars: free to use, with the true body underneath.
 
-Read ``recipe`` (who and what: ``subjects``, ``training``, ``wardrobe``, ``poses``), ``body``
-(Anny), ``patterns`` and ``panels`` (clothes cut on ``quads``), ``drape`` (Blender's cloth solver,
-in ``drape_worker``; ``stored`` keeps its results), ``hair`` and ``extras``, ``shell`` (one outer
+Read ``recipe`` (who and what: ``subjects``, ``training``, ``populations``, ``looks``, ``wardrobe``,
+``poses``, ``postures``), ``body`` (Anny), ``deformation`` (bodies that Anny cannot give),
+``patterns`` and ``panels`` (clothes cut on ``quads``), ``drape`` (Blender's cloth solver, in
+``drape_worker``; ``stored`` keeps its results), ``hair`` and ``extras``, ``shell`` (one outer
 surface), ``scanner`` (its noise), ``atlas``, ``fabric`` and ``paint`` (its texture), ``checks``,
 ``writer``; ``build`` joins them, ``sheet`` shows the result.
 """

@@ -117,13 +117,16 @@ class Body:
         vertices: (V,3) m, all groups.
         weights: (V,B) sparse skinning weights.
         bone_names: B names; sides end in ``.L`` and ``.R``.
+        offsets: (V,3) m, how the unposed body differs from what the body model gives for the
+            phenotype, or None if it does not.
 
     Raises:
         MissingPart: Anny is not installed.
     """
 
-    def __init__(self, phenotype: Mapping[str, float]) -> None:
+    def __init__(self, phenotype: Mapping[str, float], offsets: Floats | None = None) -> None:
         self.phenotype = dict(phenotype)
+        self.offsets = offsets
         self._template = _template()
         self.weights = self._template.weights
         self.bone_names = tuple(self._template.model.bone_labels)
@@ -132,6 +135,10 @@ class Body:
         self._from_unposed = np.linalg.inv(unposed.transforms)
         self.vertices = unposed.vertices
         self.joints = unposed.joints
+
+    def moved(self, offsets: Floats) -> Body:
+        """The same person with an unposed surface moved by (V,3) metres; joints stay."""
+        return Body(self.phenotype, offsets)
 
     def joint(self, bone: str) -> Floats:
         """The head (3,) of a bone of the unposed body."""
@@ -175,11 +182,22 @@ class Body:
         transforms = frame @ poses
         if self._from_unposed is not None:
             transforms = transforms @ self._from_unposed
+        vertices = out["vertices"][0].double().numpy() @ ANNY_TO_PRODUCT.T
+        if self.offsets is not None:
+            vertices = vertices + self._carried(self.offsets, transforms)
         return Posed(
-            vertices=out["vertices"][0].double().numpy() @ ANNY_TO_PRODUCT.T,
+            vertices=vertices,
             transforms=transforms,
             joints=poses[:, :3, 3] @ ANNY_TO_PRODUCT.T,
             parameters=parameters,
+        )
+
+    def _carried(self, offsets: Floats, transforms: Floats) -> Floats:
+        """Offsets (V,3) turned with the bones that carry them; as they are while unposed."""
+        if self._from_unposed is None:
+            return offsets
+        return carry(self.vertices, self.weights, transforms) - carry(
+            self.vertices - offsets, self.weights, transforms
         )
 
 
@@ -196,10 +214,11 @@ def reference_body(body: Body, posed: Posed) -> dict[str, np.ndarray]:
 
     vertices (V,3), joints (B,3) m, product frame; faces (F,3); joint_names (B,); phenotype (P,)
     with phenotype_names; pose_parameters (B,4,4) in Anny's axes; topology, rig and
-    pose_parameterization as Anny names them; anny_to_product (3,3).
+    pose_parameterization as Anny names them; anny_to_product (3,3). A body that was moved off the
+    model also has ``off_model_rms_m``: its parameters give another surface, that far from it.
     """
     template = _template()
-    return {
+    arrays: dict[str, np.ndarray] = {
         "vertices": posed.vertices[template.reference_index],
         "faces": template.reference_faces.astype(np.int32),
         "joints": posed.joints,
@@ -212,6 +231,10 @@ def reference_body(body: Body, posed: Posed) -> dict[str, np.ndarray]:
         "pose_parameterization": np.array("local-ref"),
         "anny_to_product": ANNY_TO_PRODUCT,
     }
+    if body.offsets is not None:
+        moved = body.offsets[template.reference_index]
+        arrays["off_model_rms_m"] = np.sqrt((moved**2).sum(1).mean())
+    return arrays
 
 
 def mask_image(name: str) -> Floats:

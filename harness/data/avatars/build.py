@@ -13,6 +13,7 @@ from harness.data.avatars.atlas import unwrap
 from harness.data.avatars.bake import TEXTURE_SIZE, bake, face_labels, face_owners
 from harness.data.avatars.body import SKIN_VERTICES, Body, Posed, carry, reference_body
 from harness.data.avatars.checks import check_avatar
+from harness.data.avatars.deformation import deformed_body
 from harness.data.avatars.drape import Draped, drape
 from harness.data.avatars.extras import collar, shoes
 from harness.data.avatars.hair import grow_hair
@@ -21,7 +22,7 @@ from harness.data.avatars.layer import Layer, cloth_layer, merge
 from harness.data.avatars.nearness import Nearness
 from harness.data.avatars.paint import painters, skin_masks
 from harness.data.avatars.patterns import cut_bottom, cut_top
-from harness.data.avatars.poses import POSES, joint_rotations
+from harness.data.avatars.poses import joint_rotations
 from harness.data.avatars.quads import Floats, border_loops, compact, triangles, vertex_normals
 from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.scanner import scanned
@@ -79,7 +80,7 @@ def drape_recipe(
     skin = Nearness(body.vertices, body.quads("skin"))
     pieces = [] if recipe.bottom is None else [cut_bottom(body, recipe.bottom, skin)]
     pieces.append(cut_top(body, recipe.top, skin))
-    return load_drape(recipe, pieces) or drape(body, POSES[recipe.pose], pieces, progress)
+    return load_drape(recipe, pieces) or drape(body, recipe.posture, pieces, progress)
 
 
 def _clothes(
@@ -133,8 +134,8 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
         MethodError: the clothes could not be draped.
         DataError: the result fails a check, or the folder cannot be written.
     """
-    body = Body(recipe.phenotype)
-    posed = body.posed(joint_rotations(body, POSES[recipe.pose]))
+    body = deformed_body(recipe.phenotype, recipe.shape)
+    posed = body.posed(joint_rotations(body, recipe.posture))
     layers, draped, loops = _dressed(recipe, body, posed)
     shell = Shell()
     sheets = [_shrunk(layer, shell.half_thickness) for layer in layers]

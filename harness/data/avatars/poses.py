@@ -18,9 +18,11 @@ import numpy as np
 from harness.data.avatars.quads import Floats
 
 if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
     from harness.data.avatars.body import Body
 
-__all__ = ["POSES", "Limb", "Pose", "joint_rotations"]
+__all__ = ["POSES", "Limb", "Pose", "joint_rotations", "limb_direction", "trunk_rotation"]
 
 Degrees = tuple[float, float, float]
 _CHAINS = {
@@ -107,11 +109,21 @@ POSES: Mapping[str, Pose] = MappingProxyType(
 )
 
 
-def _towards(outward_down: tuple[float, float], side: int) -> Floats:
+def limb_direction(outward_down: tuple[float, float], side: int) -> Floats:
+    """The unit vector (3,) of two angles in degrees, in the frame of the chest or of the hips;
+    ``side`` is 1 on the left and -1 on the right.
+    """
     outward, down = np.radians(outward_down)
     return np.array(
         [side * np.sin(outward) * np.cos(down), -np.sin(down), np.cos(outward) * np.cos(down)]
     )
+
+
+def trunk_rotation(held: Degrees) -> Rotation:
+    """The rotation of a trunk or head that is bent forward, turned left and leant left."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("yxz", np.radians([held[k] for k in (1, 0, 2)]))
 
 
 def _least_rotation(start: Floats, end: Floats) -> Floats:
@@ -133,7 +145,7 @@ def _limb_rotations(
     carried = Rotation.from_matrix(base)
     for (bone, tip), aim in zip(_CHAINS[kind], (limb.upper, limb.lower), strict=True):
         rest = body.joint(f"{tip}.{side}") - body.joint(f"{bone}.{side}")
-        goal = base @ _towards(aim, 1 if side == "L" else -1)
+        goal = base @ limb_direction(aim, 1 if side == "L" else -1)
         turn = _least_rotation(carried.apply(rest), goal)
         out[f"{bone}.{side}"] = carried.inv().apply(turn)
         carried = Rotation.from_rotvec(turn) * carried
@@ -152,8 +164,7 @@ def joint_rotations(
     """
     from scipy.spatial.transform import Rotation
 
-    trunk = Rotation.from_euler("yxz", np.radians([pose.trunk[k] for k in (1, 0, 2)]))
-    head = Rotation.from_euler("yxz", np.radians([pose.head[k] for k in (1, 0, 2)]))
+    trunk, head = trunk_rotation(pose.trunk), trunk_rotation(pose.head)
     out = {bone: trunk.as_rotvec() * reach / len(_TRUNK) for bone in _TRUNK}
     out |= {bone: head.as_rotvec() * reach / len(_NECK) for bone in _NECK}
     chest = Rotation.from_rotvec(trunk.as_rotvec() * reach).as_matrix()

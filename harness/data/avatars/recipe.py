@@ -1,8 +1,9 @@
 """A recipe: all that the generator needs to know about one subject, from its id.
 
 The same recipe and ``AVATARS_VERSION`` give the same files. The ids ``a01`` to ``a20`` are written
-down in ``subjects``; ``t00001`` and so on are drawn from ``training``, which shares no seed, colour
-or pattern size with them.
+down in ``subjects``; ``t00001`` and so on are drawn in ``training``, which shares no seed, colour
+or pattern size with them; ``s01`` to ``s20`` (sealed) and ``u00001`` and so on (wide training) are
+drawn in ``populations``, with poses and bodies of their own.
 """
 
 from __future__ import annotations
@@ -12,7 +13,14 @@ from dataclasses import asdict, dataclass
 
 from harness.core.errors import DataError, did_you_mean
 from harness.core.hashing import derive_seed
-from harness.data.avatars.subjects import SUBJECTS, Subject
+from harness.data.avatars.populations import (
+    WIDE_TRAINING_ID,
+    sealed_ids,
+    sealed_subject,
+    wide_training_subject,
+)
+from harness.data.avatars.poses import POSES, Pose
+from harness.data.avatars.subjects import SUBJECTS, Deformation, Subject
 from harness.data.avatars.training import TRAINING_ID, training_subject
 from harness.data.avatars.wardrobe import Bottom, Colour, Hair, Shoes, Top
 
@@ -21,7 +29,11 @@ __all__ = ["AvatarRecipe", "recipe_for", "subject_ids"]
 
 @dataclass(frozen=True)
 class AvatarRecipe:
-    """One subject: phenotype (Anny's values, 0 to 1), pose (by name), looks and clothes."""
+    """One subject: phenotype (Anny's values, 0 to 1), pose, looks and clothes.
+
+    ``pose`` names the pose; ``drawn_pose`` is given if it is not one of the written library, and
+    ``shape`` if the body is none that the body model can give.
+    """
 
     id: str
     seed: int
@@ -33,6 +45,13 @@ class AvatarRecipe:
     top: Top
     bottom: Bottom | None
     shoes: Shoes
+    drawn_pose: Pose | None = None
+    shape: Deformation | None = None
+
+    @property
+    def posture(self) -> Pose:
+        """How limbs, trunk and head are held."""
+        return POSES[self.pose] if self.drawn_pose is None else self.drawn_pose
 
     @property
     def clothing(self) -> str:
@@ -46,6 +65,12 @@ class AvatarRecipe:
         for key in ("hair", "top", "bottom", "shoes"):
             part = getattr(self, key)
             record[key] = None if part is None else asdict(part)
+        for key in ("drawn_pose", "shape"):
+            # Left out where there is none: records of the written list stay as they were.
+            if record[key] is None:
+                del record[key]
+            else:
+                record[key] = asdict(getattr(self, key))
         record["phenotype"] = dict(self.phenotype)
         return record
 
@@ -60,9 +85,14 @@ def _described(subject_id: str) -> Subject:
         return SUBJECTS[subject_id]
     if TRAINING_ID.fullmatch(subject_id):
         return training_subject(subject_id)
-    hint = did_you_mean(subject_id, SUBJECTS)
+    if subject_id in sealed_ids():
+        return sealed_subject(subject_id)
+    if WIDE_TRAINING_ID.fullmatch(subject_id):
+        return wide_training_subject(subject_id)
     raise DataError(
-        f"no avatar '{subject_id}'", expected="a01 to a20, or t00001 and so on", hint=hint
+        f"no avatar '{subject_id}'",
+        expected="a01 to a20, s01 to s20, t00001 and so on, or u00001 and so on",
+        hint=did_you_mean(subject_id, SUBJECTS),
     )
 
 
@@ -86,4 +116,6 @@ def recipe_for(subject_id: str) -> AvatarRecipe:
         top=subject.top,
         bottom=subject.bottom,
         shoes=subject.shoes,
+        drawn_pose=subject.drawn_pose,
+        shape=subject.shape,
     )

@@ -16,7 +16,6 @@ from harness.core.files import atomic_path
 from harness.core.hashing import content_hash
 from harness.data.avatars.drape import DrapeCheck, Draped
 from harness.data.avatars.patterns import Piece
-from harness.data.avatars.poses import POSES
 from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.wardrobe import Bottom, Top
 
@@ -41,15 +40,16 @@ def _cut(garment: Top | Bottom | None) -> Mapping[str, object] | None:
 
 def drape_key(recipe: AvatarRecipe) -> str:
     """What decides how a recipe's cloth falls, as a hash: body, pose and cuts, not colours."""
-    return content_hash(
-        {
-            "version": DRAPE_VERSION,
-            "phenotype": dict(recipe.phenotype),
-            "pose": asdict(POSES[recipe.pose]),
-            "top": _cut(recipe.top),
-            "bottom": _cut(recipe.bottom),
-        }
-    )
+    key: dict[str, object] = {
+        "version": DRAPE_VERSION,
+        "phenotype": dict(recipe.phenotype),
+        "pose": asdict(recipe.posture),
+        "top": _cut(recipe.top),
+        "bottom": _cut(recipe.bottom),
+    }
+    if recipe.shape is not None:
+        key["shape"] = asdict(recipe.shape)
+    return content_hash(key)
 
 
 def load_drape(

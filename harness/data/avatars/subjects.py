@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from harness.data.avatars.poses import Pose
 from harness.data.avatars.wardrobe import (
     Bottom,
     Colour,
@@ -26,7 +27,20 @@ from harness.data.avatars.wardrobe import (
     wide_trousers,
 )
 
-__all__ = ["SUBJECTS", "Person", "Subject"]
+__all__ = ["SUBJECTS", "Deformation", "Person", "Subject"]
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """How a body differs from all that the body model can give (see ``deformation``).
+
+    seed; rms_m: root mean square of the movement over the skin that moves; bump_m: how far apart
+    bumps are.
+    """
+
+    seed: int
+    rms_m: float
+    bump_m: float
 
 
 @dataclass(frozen=True)
@@ -48,13 +62,18 @@ class Person:
 
 @dataclass(frozen=True)
 class Subject:
-    """One line of the list; ``bottom`` is None under a dress."""
+    """One line of the list; ``bottom`` is None under a dress.
+
+    ``pose`` names a pose of the written library, or says in a word what ``drawn_pose`` is like.
+    """
 
     person: Person
     pose: str
     top: Top
     bottom: Bottom | None
     shoes: Shoes
+    drawn_pose: Pose | None = None
+    shape: Deformation | None = None
 
 
 _PALE, _LIGHT, _TAN = (236, 200, 178), (224, 180, 152), (198, 148, 112)

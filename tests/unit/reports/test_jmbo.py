@@ -54,8 +54,25 @@ def test_more_overlap_is_never_marked_as_worse():
     assert "total_loss" in document["rows"][0]["best"]
 
 
+def test_it_says_that_the_fitted_body_is_of_the_family_of_the_true_ones():
+    assert "of the family that generated the subjects (Anny)" in jmbo_table(bodies()).caption
+    assert "manifold" not in jmbo_table(bodies()).caption
+
+
+def test_it_says_how_far_true_bodies_are_off_the_models_manifold():
+    fitted = [r for r in bodies() if r.method_name == "hull8"]
+    moved = [
+        replace(r, metrics={**r.metrics, "off_model": MetricValue(4.0 + k, "mm", 9, 0.0)})
+        for k, r in enumerate(fitted)
+    ]
+    caption = jmbo_table(moved).caption
+    assert f"{len(moved)} true bodies are off the model's manifold" in caption
+    assert f"4.0 to {3.0 + len(moved):.1f} mm" in caption
+
+
 def test_a_dataset_without_true_bodies_shows_dashes():
     table = jmbo_table(bodies(without=("joint_error", "vertex_error")))
+    assert "generated the subjects" not in table.caption
     assert "joint_error" not in table.rows[0].cells
     assert "–" in to_markdown(table)
 
