@@ -98,7 +98,8 @@ def _told(
         }
         for stage in meter.stages
     ]
-    outcome, details = scored(result.mesh, *scanned, protocol)
+    # However large or far away: it is what the method made of photos whose scale it was given.
+    outcome, details = scored(result.mesh, *scanned, protocol, misplaced="tell")
     return {
         "metrics": {name: value.to_dict() for name, value in outcome.metrics.items()},
         "stages": costs,
