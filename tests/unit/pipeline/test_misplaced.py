@@ -87,8 +87,13 @@ def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
         save_mesh(folder / f"{subject}.ply", mesh)
     dataset = Dataset.model_validate(
         {
-            **{"title": "Toy", "kind": "thuman", "licence": "CC0-1.0", "root": "scans"},
-            **{"scale": "metres", "facing": "+z", "subjects": subjects},
+            "title": "Toy",
+            "kind": "thuman",
+            "licence": "CC0-1.0",
+            "root": "scans",
+            "scale": "metres",
+            "facing": "+z",
+            "subjects": subjects,
         }
     )
     request = FolderRequest(
