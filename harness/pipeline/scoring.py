@@ -144,9 +144,7 @@ def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> R
             scan, truth = load_scan(name, dataset, root, subject)
             identity = {"scan": scan.identity(), "mesh": file_sha256(path)}
             predicted = load_mesh(path, seams=True)
-            outcome, details = scored(
-                predicted, scan, truth, request.protocol, misplaced="refuse"
-            )
+            outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
             metrics = dict(outcome.metrics)
     except HarnessError as error:
         status, reason = "failed", str(error)
