@@ -139,7 +139,7 @@ def score(
             "f_score": f_scores(there.distances_mm, back.distances_mm),
             "normals": {
                 **normal_diagnostics(compared(there.normal_errors_deg)),
-                "truth_to_predicted_mean_deg": float(compared(back.normal_errors_deg).mean()),
+                "truth_to_predicted_mean_deg": _known_mean(back.normal_errors_deg),
             },
             "meshes": meshes,
         },
@@ -183,6 +183,11 @@ def _doubts(
             raise
         return (f"{error.what}: {error.got}",)
     return tuple(turns)
+
+
+def _known_mean(errors_deg: Floats) -> float | None:
+    known = errors_deg[np.isfinite(errors_deg)]
+    return float(known.mean()) if len(known) else None
 
 
 def _errors(
