@@ -9,7 +9,6 @@ Before: ``methods/hull.py``. After: ``harness/pipeline/evaluate.py``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +25,6 @@ __all__ = [
     "nearest_sample_mm",
     "nearest_surface_mm",
     "point_to_surface",
-    "sampling_floor_mm",
 ]
 
 Floats = NDArray[np.float64]
@@ -73,9 +71,7 @@ def chamfer_point_to_surface(accuracy: MetricValue, completeness: MetricValue) -
     return _mean_of_directions(accuracy, completeness)
 
 
-def chamfer_sample_to_sample(
-    predicted: Floats, truth: Floats, areas: Sequence[float]
-) -> MetricValue:
+def chamfer_sample_to_sample(predicted: Floats, truth: Floats) -> MetricValue:
     """Mean distance from each sample to the nearest sample of the other surface, in mm.
 
     With P and G the points drawn on the predicted and the true surface::
@@ -83,37 +79,27 @@ def chamfer_sample_to_sample(
         1000 * ( mean_p min_{g in G} |p - g|  +  mean_g min_{p in P} |g - p| ) / 2
 
     It exceeds the mean of accuracy and completeness, since the nearest sample is farther than the
-    nearest point of the surface: two perfect copies score the ``floor`` of the result, about 4 mm
-    for a body and 30 000 points. The targets being random as well, the standard error counts both
+    nearest point of the surface. Two perfect copies score a sampling floor, on a single flat sheet
+    of area A
+
+        500 * sqrt(A / N)    (Clark & Evans, Ecology 35, 1954)
+
+    in mm for N points; less where sheets lie closer together than points, as clothes on skin do;
+    about 4 mm for a person. The targets being random as well, the standard error counts both
     directions as if they erred together.
 
     Args:
         predicted: (N, 3) independent points on the predicted surface, metres.
         truth: (N, 3) likewise on the true surface.
-        areas: Of the predicted and the true surface, square metres.
 
     Source: MExECON, "Chamfer", as in the authors' evaluation code.
     """
     there = sample_mean(nearest_sample_mm(predicted, truth), _MM, "independent")
     back = sample_mean(nearest_sample_mm(truth, predicted), _MM, "independent")
-    floors = [
-        sampling_floor_mm(area, len(points))
-        for area, points in zip(areas, (predicted, truth), strict=True)
-    ]
     return replace(
         _mean_of_directions(there, back),
         standard_error=(there.standard_error + back.standard_error) / 2,
-        floor=float(np.mean(floors)),
     )
-
-
-def sampling_floor_mm(area: float, count: int) -> float:
-    """Mean distance to the nearest of ``count`` independent points on a surface of ``area`` m².
-
-    ``0.5 * sqrt(area / count)`` (Clark & Evans, Ecology 35, 1954), in mm: what a point of the very
-    same surface scores.
-    """
-    return 0.5 * float(np.sqrt(area / count)) * MM_PER_METRE
 
 
 def _mean_of_directions(there: MetricValue, back: MetricValue) -> MetricValue:

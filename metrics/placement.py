@@ -1,7 +1,9 @@
 """Whether two meshes share unit and frame: mistakes that must be caught, not averaged.
 
 A bad reconstruction has to be scored, however bad; a good one in millimetres, with Z up or with its
-feet at the origin has to be refused, for its numbers would say nothing about the method.
+feet at the origin has to be refused, for its numbers would say nothing about the method. Only a
+mesh that was made elsewhere can be such a one: for what a method makes here, ``score`` turns these
+refusals into warnings.
 """
 
 from __future__ import annotations

@@ -102,12 +102,13 @@ def _errors(
     on: NDArray[np.bool_],
     area_share: float,
 ) -> RegionErrors:
+    angles_deg = predicted.normal_errors_deg[near]
     there_mm, back_mm = predicted.distances_mm[near], truth.distances_mm[on]
     return RegionErrors(
         area_share=area_share,
         accuracy_mm=_mean(there_mm),
         completeness_mm=_mean(back_mm),
-        normal_error_deg=_mean(predicted.normal_errors_deg[near]),
+        normal_error_deg=_mean(angles_deg[np.isfinite(angles_deg)]),
         missing_share=_mean(back_mm > FAR_MM),
         bulge_share=_mean(there_mm > FAR_MM),
         n_predicted=len(there_mm),

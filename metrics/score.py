@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.errors import HarnessError
+from harness.core.errors import DataError, HarnessError
 from harness.core.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.records import MetricValue
@@ -22,14 +23,24 @@ from metrics.distance import (
     nearest_surface_mm,
     point_to_surface,
 )
-from metrics.normals import angles_deg, normal_diagnostics, normal_error
+from metrics.normals import (
+    NormalWeights,
+    angles_deg,
+    compared,
+    normal_diagnostics,
+    normal_error,
+    normals_at,
+    weighted,
+)
 from metrics.placement import check_scale_and_place, check_turn, unit_warnings
 from metrics.sampling import sample_surface
 
-__all__ = ["PointErrors", "Score", "score"]
+__all__ = ["Misplaced", "PointErrors", "Score", "score"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+#: What becomes of a prediction in another unit, place or frame: an error, or a warning.
+Misplaced = Literal["refuse", "tell"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +50,8 @@ class PointErrors:
     Attributes:
         points: (N, 3) metres, world frame.
         distances_mm: (N,) to the nearest point of the other surface.
-        normal_errors_deg: (N,) between the smooth normals at both.
+        normal_errors_deg: (N,) between the smooth normals at both; NaN where one has no direction
+            and the protocol leaves such points out.
         faces: (N,) the face that each point was drawn on.
         closest_faces: (N,) the face of the other surface that its nearest point lies on.
     """
@@ -82,7 +94,12 @@ class Score:
 
 
 def score(
-    predicted: Mesh, truth: Mesh, protocol: MetricProtocol, *, keep_points: bool = False
+    predicted: Mesh,
+    truth: Mesh,
+    protocol: MetricProtocol,
+    *,
+    keep_points: bool = False,
+    misplaced: Misplaced = "refuse",
 ) -> Score:
     """Every metric of a reconstruction against the true surface.
 
@@ -94,18 +111,23 @@ def score(
         truth: What it should be, likewise.
         protocol: How many points, how drawn, and which Chamfer.
         keep_points: Whether the errors are wanted point by point.
+        misplaced: What becomes of a prediction that seems to have another unit or frame: of a mesh
+            made elsewhere that is a mistake in its file, to ``refuse``; of a method that ran here
+            it is the method's own result, to measure and ``tell``.
 
     Raises:
-        DataError: the meshes do not share unit and frame, or hold numbers that cannot be searched.
+        DataError: the meshes do not share unit and frame, have no normals to compare, or hold
+            numbers that cannot be searched.
         HarnessError: a protocol that contradicts itself.
     """
     _check_protocol(protocol)
     with ThreadPoolExecutor(max_workers=2) as pool:
         sides = pool.map(_Side.of, (predicted, truth), ("predicted", "truth"), (protocol,) * 2)
         mine, true = sides
-    check_scale_and_place(mine.surface, true.surface, protocol.minimum_scale_ratio)
-    doubts = check_turn(mine.samples.points, true.samples.points, mine.surface, true.surface)
-    there, back = _errors(mine, true), _errors(true, mine)
+    doubts = _doubts(mine, true, protocol, misplaced)
+    there = _errors(mine, true, protocol, protocol.normal_weights)
+    # The published evaluator looks this way alone; what it lacks cannot have its mistake.
+    back = _errors(true, mine, protocol, "barycentric")
     meshes = {"predicted": describe_mesh(mine.surface), "truth": describe_mesh(true.surface)}
     return Score(
         protocol=protocol,
@@ -116,15 +138,15 @@ def score(
             "truth_to_predicted": describe_distances(back.distances_mm),
             "f_score": f_scores(there.distances_mm, back.distances_mm),
             "normals": {
-                **normal_diagnostics(there.normal_errors_deg),
-                "truth_to_predicted_mean_deg": float(back.normal_errors_deg.mean()),
+                **normal_diagnostics(compared(there.normal_errors_deg)),
+                "truth_to_predicted_mean_deg": _known_mean(back.normal_errors_deg),
             },
             "meshes": meshes,
         },
         warnings=(
             *doubts,
             *unit_warnings(true.surface),
-            *winding_warnings(meshes, there.normal_errors_deg),
+            *winding_warnings(meshes, compared(there.normal_errors_deg)),
         ),
         predicted_points=there if keep_points else None,
         truth_points=back if keep_points else None,
@@ -140,19 +162,45 @@ class _Side:
 
     @classmethod
     def of(cls, mesh: Mesh, role: str, protocol: MetricProtocol) -> _Side:
-        surface = SurfaceIndex(mesh)
-        seed = derive_seed(protocol.seed, role)
-        samples = sample_surface(surface, protocol.samples, protocol.sampling, seed)
-        return cls(surface, samples)
+        surface = SurfaceIndex(mesh, split_seams=protocol.texture_seams == "split")
+        return cls(surface, _drawn(surface, role, protocol))
 
 
-def _errors(sampled: _Side, other: _Side) -> PointErrors:
+def _drawn(surface: SurfaceIndex, role: str, protocol: MetricProtocol) -> SurfacePoints:
+    seed = derive_seed(protocol.seed, role)
+    return sample_surface(surface, protocol.samples, protocol.sampling, seed)
+
+
+def _doubts(
+    mine: _Side, true: _Side, protocol: MetricProtocol, misplaced: Misplaced
+) -> tuple[str, ...]:
+    """Warnings of another unit, place or frame, as far as these are not refused."""
+    try:
+        check_scale_and_place(mine.surface, true.surface, protocol.minimum_scale_ratio)
+        turns = check_turn(mine.samples.points, true.samples.points, mine.surface, true.surface)
+    except DataError as error:
+        if misplaced == "refuse":
+            raise
+        return (f"{error.what}: {error.got}",)
+    return tuple(turns)
+
+
+def _known_mean(errors_deg: Floats) -> float | None:
+    known = errors_deg[np.isfinite(errors_deg)]
+    return float(known.mean()) if len(known) else None
+
+
+def _errors(
+    sampled: _Side, other: _Side, protocol: MetricProtocol, weights: NormalWeights
+) -> PointErrors:
     closest, distances_mm = nearest_surface_mm(sampled.samples.points, other.surface)
+    cancelled = protocol.cancelled_normals
     return PointErrors(
         points=sampled.samples.points,
         distances_mm=distances_mm,
         normal_errors_deg=angles_deg(
-            sampled.surface.normals(sampled.samples), other.surface.normals(closest)
+            normals_at(sampled.surface, sampled.samples, cancelled),
+            normals_at(other.surface, weighted(closest, weights), cancelled),
         ),
         faces=sampled.samples.faces,
         closest_faces=closest.faces,
@@ -165,8 +213,10 @@ def _metrics(
     accuracy = point_to_surface(there.distances_mm, protocol.sampling)
     completeness = point_to_surface(back.distances_mm, protocol.sampling)
     if protocol.chamfer == "sample-to-sample":
-        areas = [side.surface.area for side in sides]
-        chamfer = chamfer_sample_to_sample(there.points, back.points, areas)
+        chamfer = replace(
+            chamfer_sample_to_sample(there.points, back.points),
+            floor=_sampling_floor_mm(sides[1], protocol),
+        )
     else:
         chamfer = chamfer_point_to_surface(accuracy, completeness)
     return {
@@ -175,6 +225,12 @@ def _metrics(
         "p2s_completeness": completeness,
         "normal_error": normal_error(there.normal_errors_deg, protocol.sampling),
     }
+
+
+def _sampling_floor_mm(true: _Side, protocol: MetricProtocol) -> float:
+    """What the truth itself scores as a prediction: the same points that a perfect copy has."""
+    copy = _drawn(true.surface, "predicted", protocol)
+    return chamfer_sample_to_sample(copy.points, true.samples.points).value
 
 
 def _check_protocol(protocol: MetricProtocol) -> None:

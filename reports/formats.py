@@ -97,6 +97,11 @@ def to_json(table: Table) -> str:
             for column in table.all_columns
         },
         "rows": [_row_json(table, row) for row in table.rows],
+        "ranked_on": {
+            column.id: list(table.common_subjects(column))
+            for column in table.columns
+            if column.ranked
+        },
         "remarks": list(table.remarks),
         "published": _published_json(table.published) if table.published else None,
     }
@@ -112,6 +117,11 @@ def _row_json(table: Table, row: Row) -> dict[str, object]:
         "of": row.of,
         "metrics": _cells_json(table, row.cells),
         "best": best,
+        "ranked_by": {
+            column.id: mean
+            for column in table.columns
+            if (mean := table.common_mean(row, column)) is not None
+        },
         "privileges": list(row.privileges),
         "notes": list(row.notes),
         "stages": [

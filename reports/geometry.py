@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from statistics import fmean
 
 from harness.core.errors import ProtocolMismatch
 from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from reports.published import PUBLISHED
 from reports.selection import Group, Selection, select
-from reports.tables import Cell, Column, Interval, Row, Table, mean_cell
+from reports.tables import (
+    Cell,
+    Column,
+    Interval,
+    Row,
+    Table,
+    subject_cell,
+    with_common_means,
+)
 
 __all__ = ["GEOMETRY_METRICS", "geometry_table", "metric_column", "metric_value"]
 
@@ -40,7 +49,7 @@ def geometry_table(
     """
     selection = select(records, methods, subjects)
     columns = tuple(metric_column(metric) for metric in GEOMETRY_METRICS)
-    return Table(
+    table = Table(
         name="geometry",
         title="Mesh geometry",
         dataset=selection.dataset,
@@ -51,6 +60,7 @@ def geometry_table(
         remarks=(*selection.remarks, *_floor_remarks(selection, columns)),
         published=PUBLISHED["geometry"] if published else None,
     )
+    return with_common_means(table)
 
 
 def metric_column(metric: str, *, ranked: bool = True) -> Column:
@@ -72,7 +82,9 @@ def _row(group: Group, of: int, interval: Interval | None) -> Row:
 
 def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:
     return {
-        metric: mean_cell([metric_value(record, metric) for record in records], interval)
+        metric: subject_cell(
+            {record.subject: metric_value(record, metric) for record in records}, interval
+        )
         for metric in GEOMETRY_METRICS
     }
 
@@ -97,14 +109,18 @@ def metric_value(record: Record, metric: str) -> float:
 
 
 def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]:
-    """What a perfect copy would score, where sampling keeps that from being 0."""
+    """What the truths score against themselves, where sampling keeps that from being 0."""
     remarks = []
     for column in columns:
-        scored = [record.metrics[column.id] for group in selection.groups for record in group.ok]
-        floor = sum(estimate.floor for estimate in scored) / max(len(scored), 1)
-        if floor > 0:
+        # A subject's floor is of its truth, the same for every method.
+        floors = {
+            record.subject: record.metrics[column.id].floor
+            for group in selection.groups
+            for record in group.ok
+        }
+        if floor := fmean(floors.values()) if floors else 0.0:
             remarks.append(
-                f"Sampling floor of {column.title}, which a perfect copy would score: "
-                f"{column.text(floor)} {column.unit}"
+                f"Sampling floor of {column.title}, which each truth scores against itself, "
+                f"sampled a second time, mean over subjects: {column.text(floor)} {column.unit}"
             )
     return remarks

@@ -12,7 +12,7 @@ from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from reports.published import PUBLISHED
 from reports.selection import Group, select
-from reports.tables import Cell, Column, Interval, Row, Table, mean_cell
+from reports.tables import Cell, Column, Interval, Row, Table, subject_cell, with_common_means
 
 __all__ = ["BODY_METRICS", "jmbo_table"]
 
@@ -46,7 +46,7 @@ def jmbo_table(
     selection = select(records, methods, subjects)
     with_body = [group for group in selection.groups if not group.ok or _has_body(group)]
     without = [group.title for group in selection.groups if group not in with_body]
-    return Table(
+    table = Table(
         name="jmbo",
         title="Body fit",
         dataset=selection.dataset,
@@ -63,6 +63,7 @@ def jmbo_table(
         ),
         published=PUBLISHED["jmbo"] if published else None,
     )
+    return with_common_means(table)
 
 
 def _about_the_truth(records: Sequence[Record]) -> list[str]:
@@ -120,5 +121,6 @@ def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str,
                 hint="Evaluate it again to replace it",
             )
         if have:
-            cells[metric] = mean_cell([record.metrics[metric].value for record in have], interval)
+            values = {record.subject: record.metrics[metric].value for record in have}
+            cells[metric] = subject_cell(values, interval)
     return cells

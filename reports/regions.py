@@ -14,7 +14,7 @@ from harness.core.errors import DataError
 from harness.core.records import Record
 from harness.core.units import Unit
 from reports.selection import Group, select
-from reports.tables import Column, Interval, Row, Table, mean_cell
+from reports.tables import Column, Interval, Row, Table, subject_cell, with_common_means
 
 __all__ = [
     "LEAST_SHARE",
@@ -119,7 +119,7 @@ def regions_table(
     told = [group for group in selection.groups if all(map(regions_of, group.ok))]
     untold = [group for group in selection.groups if group not in told]
     measured = any(group.ok for group in told)
-    return Table(
+    table = Table(
         name="regions",
         title="Completeness by region",
         dataset=selection.dataset,
@@ -136,6 +136,7 @@ def regions_table(
             *(["The paper prints no errors by region"] if published else []),
         ),
     )
+    return with_common_means(table)
 
 
 def regions_of(record: Record) -> Mapping[str, RegionNumbers]:
@@ -160,10 +161,10 @@ def _row(group: Group, of: int, interval: Interval | None) -> Row:
     cells = {}
     for measure in (_COMPLETENESS, *_MORE):
         for column in REGION_GROUPS:
-            found = [_pooled(record, column, measure) for record in group.ok]
-            values = [value for value in found if value is not None]
+            found = {record.subject: _pooled(record, column, measure) for record in group.ok}
+            values = {subject: value for subject, value in found.items() if value is not None}
             if values:
-                cells[f"{measure.id}_{column.id}"] = mean_cell(values, interval)
+                cells[f"{measure.id}_{column.id}"] = subject_cell(values, interval)
     return group.row(of, cells)
 
 

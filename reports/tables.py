@@ -7,7 +7,7 @@ same in LaTeX, Markdown, CSV and JSON because they are decided once.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Literal
 
@@ -23,6 +23,8 @@ __all__ = [
     "Table",
     "footnote_mark",
     "mean_cell",
+    "subject_cell",
+    "with_common_means",
 ]
 
 #: What a cell without a number shows.
@@ -61,11 +63,18 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A number over subjects, with the interval of its mean where one was asked for."""
+    """A number over subjects, with the interval of its mean where one was asked for.
+
+    Attributes:
+        value: What is printed.
+        low, high: Ends of the interval.
+        by_subject: What a mean is the mean of; a cell that can be the best has it.
+    """
 
     value: float
     low: float | None = None
     high: float | None = None
+    by_subject: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,13 +161,43 @@ class Table:
         """Whether every row is of all subjects, so that no ``n/N`` column is needed."""
         return all(row.n == row.of for row in self.rows)
 
+    def rivals(self, column: Column) -> list[Row]:
+        """The rows that may be the best of a column: they compete, and have a number there."""
+        return [row for row in self.rows if row.competes and column.id in row.cells]
+
+    def common_subjects(self, column: Column) -> tuple[str, ...]:
+        """The subjects that all rivals have; on these alone the best of a column is found."""
+        found = [row.cells[column.id].by_subject for row in self.rivals(column)]
+        return tuple(s for s in found[0] if all(s in cell for cell in found)) if found else ()
+
+    def common_mean(self, row: Row, column: Column) -> float | None:
+        """A rival's mean over the common subjects; None if it is no rival or there are none."""
+        if not (column.ranked and row in self.rivals(column)):
+            return None
+        subjects, values = self.common_subjects(column), row.cells[column.id].by_subject
+        return fmean(values[subject] for subject in subjects) if subjects else None
+
     def is_best(self, row: Row, column: Column) -> bool:
-        """Whether the cell is the lowest of the competing rows, after rounding; ties all are."""
-        cell = row.cells.get(column.id)
-        if cell is None or not (column.ranked and row.competes):
+        """Whether the mean over the common subjects is the lowest, after rounding; ties all are."""
+        mean = self.common_mean(row, column)
+        if mean is None:
             return False
-        rivals = (other.cells[column.id] for other in self.rows if _rival(other, column))
-        return column.text(cell.value) == column.text(min(rival.value for rival in rivals))
+        means = (self.common_mean(rival, column) for rival in self.rivals(column))
+        lowest = min(other for other in means if other is not None)
+        return column.text(mean) == column.text(lowest)
+
+    @property
+    def uneven(self) -> tuple[Column, ...]:
+        """The ranked columns whose rivals do not all have the same subjects."""
+        return tuple(
+            column
+            for column in self.columns
+            if column.ranked
+            and any(
+                row.cells[column.id].by_subject.keys() != set(self.common_subjects(column))
+                for row in self.rivals(column)
+            )
+        )
 
     @property
     def caption(self) -> str:
@@ -169,7 +208,7 @@ class Table:
         if any(cell.low is not None for row in self.rows for cell in row.cells.values()):
             sentences.append("Brackets: 95 % bootstrap interval of the mean over subjects")
         if any(column.ranked for column in self.columns):
-            sentences.append("Lower is better, best in bold")
+            sentences.append(f"Lower is better, best in bold{self._where_best()}")
             if not all(row.competes for row in self.rows):
                 sentences.append("A row that is given the ground truth is not ranked")
         return ". ".join((*sentences, *self.remarks)) + "."
@@ -187,9 +226,35 @@ class Table:
         name, version, sha = (self.protocol[key] for key in ("name", "version", "sha"))
         return [measured_on, f"Metric protocol {name} version {version} (sha {sha})"]
 
+    def _where_best(self) -> str:
+        """On which subjects the best is found, where rows are not all of the same."""
+        counts = {len(self.common_subjects(column)) for column in self.uneven}
+        if not counts:
+            return ""
+        if counts == {0}:
+            return " where ranked rows have a subject in common: none here"
+        one = f"{next(iter(counts))} " if len(counts) == 1 else ""
+        noun = "subject" if counts == {1} else "subjects"
+        return f" by the means on the {one}{noun} that all ranked rows with numbers have"
 
-def _rival(row: Row, column: Column) -> bool:
-    return row.competes and column.id in row.cells
+
+def with_common_means(table: Table) -> Table:
+    """The table with a note on each row whose printed means are not those that it is ranked by."""
+    return replace(table, rows=tuple(_noted(table, row) for row in table.rows))
+
+
+def _noted(table: Table, row: Row) -> Row:
+    means = {column: table.common_mean(row, column) for column in table.uneven}
+    texts = [
+        f"{column.title} {column.text(mean)} {column.unit}".rstrip()
+        for column, mean in means.items()
+        if mean is not None
+        and row.cells[column.id].by_subject.keys() != set(table.common_subjects(column))
+    ]
+    if not texts:
+        return row
+    note = f"On the subjects that all ranked rows with numbers have: {', '.join(texts)}"
+    return replace(row, notes=(*row.notes, note))
 
 
 def footnote_mark(index: int) -> str:
@@ -209,3 +274,8 @@ def mean_cell(values: Sequence[float], interval: Interval | None = None) -> Cell
         return Cell(mean)
     low, high = interval(values)
     return Cell(mean, low, high)
+
+
+def subject_cell(values: Mapping[str, float], interval: Interval | None = None) -> Cell:
+    """``mean_cell`` of values by subject, in a table that says which row is the best."""
+    return replace(mean_cell(list(values.values()), interval), by_subject=values)

@@ -18,12 +18,14 @@ _READERS = {".ply": read_ply, ".glb": read_glb, ".off": read_off, ".stl": read_s
 MESH_SUFFIXES = (".ply", ".obj", ".glb", ".off", ".stl")
 
 
-def load_mesh(path: Path, *, texture: bool = False) -> Mesh:
+def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh:
     """The mesh in a file, as it stands there: nothing merged, dropped, scaled or turned.
 
     Args:
         path: An OBJ, PLY, GLB, OFF or STL file.
         texture: Whether texture coordinates and image are wanted (OBJ only).
+        seams: Whether texture coordinates are wanted where the file has them, without an image:
+            they tell where the texture's seams are. Only those of an OBJ are read.
 
     Raises:
         DataError: no such file, an unknown format, or any defect of content.
@@ -41,7 +43,9 @@ def load_mesh(path: Path, *, texture: bool = False) -> Mesh:
     if texture and suffix != ".obj":
         raise DataError(f"{path} cannot be read with its texture", expected="an OBJ file")
     try:
-        return read_obj(path, texture=texture) if suffix == ".obj" else _READERS[suffix](path)
+        if suffix == ".obj":
+            return read_obj(path, texture=texture, seams=seams)
+        return _READERS[suffix](path)
     except OSError as error:
         raise DataError(f"could not read {path}: {error.strerror or error}") from error
 

@@ -57,7 +57,8 @@ _DESCRIPTIONS = (
     MetricDescription(
         "normal_error", "Normal", "Normal", _DEG, 2, _PAPER,
         "Mean angle between the oriented smooth normals of points sampled on the prediction and of "
-        "their closest points on the truth.",
+        "their closest points on the truth; under protocol mexecon with the permuted weights and "
+        "the split seams of the published evaluator.",
     ),
     MetricDescription(
         "silhouette_loss", "Silhouette loss", "Silhouette loss", _NONE, 4, _PAPER_JMBO,

@@ -28,7 +28,7 @@ class MetricValue:
         unit: ``mm`` or ``deg``.
         n: How many points it is the mean of.
         standard_error: Of the sampling, in ``unit``.
-        floor: What a perfect copy would score because of the sampling, where that is not 0.
+        floor: What the truth itself scores because of the sampling, where that is not 0.
     """
 
     value: float

@@ -149,9 +149,19 @@ class MetricProtocol:
             ``samples`` strips of equal area, which lowers the sampling error several times.
         chamfer: ``sample-to-sample`` takes distances between the two sets of samples (as published;
             has a sampling floor), ``point-to-surface`` the mean of accuracy and completeness.
+        normal_weights: How the three vertex normals of the true face weigh at the closest point:
+            ``barycentric`` each by its own weight, ``permuted`` as the published evaluator does,
+            which gives the 2nd vertex's weight to the 1st, the 3rd's to the 2nd, the 1st's to the
+            3rd. The two agree where faces are small.
+        texture_seams: Whether vertices that share a position but differ in texture coordinate share
+            a smooth normal (``smooth``), or each has that of its own side (``split``, as in the
+            readers of the published evaluator).
+        cancelled_normals: What stands for a smooth normal whose parts cancel each other, as on a
+            sheet without thickness: the ``face`` normal, or nothing, so that the point is
+            ``left-out`` of the normal error.
         seed: Root of the two meshes' random streams.
         minimum_scale_ratio: Least ratio of the two bounding-box diagonals (either way round)
-            under which the meshes are believed to have the same unit.
+            under which a mesh made elsewhere is believed to have the truth's unit.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -161,6 +171,9 @@ class MetricProtocol:
     samples: int
     sampling: Literal["independent", "stratified"]
     chamfer: Literal["sample-to-sample", "point-to-surface"]
+    normal_weights: Literal["barycentric", "permuted"] = "barycentric"
+    texture_seams: Literal["smooth", "split"] = "smooth"
+    cancelled_normals: Literal["face", "left-out"] = "face"
     seed: int = 0
     minimum_scale_ratio: float = 0.5
 

@@ -41,12 +41,11 @@ class SurfacePoints:
 
 
 def merged_positions(vertices: Floats) -> Indices:
-    """(V,) a number for each vertex that is equal where, and only where, positions are equal.
+    """(V,) a number for each of (V, D) points, equal where, and only where, positions are equal.
 
     Texture seams and face-by-face formats split vertices; by position they are one again.
     """
-    x, y, z = vertices.T
-    order = np.lexsort((z, y, x))
+    order = np.lexsort(vertices.T[::-1])
     is_new = np.zeros(len(vertices), dtype=np.int64)
     ordered = vertices[order]
     is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
@@ -62,13 +61,13 @@ def vertex_normals(mesh: Mesh) -> Floats:
     the faces cancel each other, as on both sides of a sheet without thickness, and at vertices
     without faces the normal is zero.
     """
-    return _vertex_normals(mesh, mesh.face_normals())
-
-
-def _vertex_normals(mesh: Mesh, face_vectors: Floats) -> Floats:
     group = merged_positions(mesh.vertices)
-    corners = group[mesh.faces].T
-    count = int(group.max()) + 1
+    return _corner_normals(group[mesh.faces], int(group.max()) + 1, mesh.face_normals())[group]
+
+
+def _corner_normals(faces: Indices, count: int, face_vectors: Floats) -> Floats:
+    """(count, 3) unit normals of what (F, 3) corners are numbered by; zero where they cancel."""
+    corners = faces.T
     lengths = _lengths(face_vectors)
     total = sum(np.bincount(corner, lengths, count) for corner in corners)
     sums = np.stack(
@@ -77,7 +76,21 @@ def _vertex_normals(mesh: Mesh, face_vectors: Floats) -> Floats:
     )
     norms = _lengths(sums)
     sums /= np.where(norms > _CANCELLED * total, norms, np.inf)[:, None]
-    return sums[group]
+    return sums
+
+
+def _split_at_seams(mesh: Mesh) -> tuple[Indices, int]:
+    """(F, 3) a number for each corner, and how many there are.
+
+    Equal where, and only where, position and texture coordinate are equal.
+    """
+    positions = merged_positions(mesh.vertices)[mesh.faces]
+    if mesh.uv is None or mesh.face_uv is None:
+        return positions, int(positions.max()) + 1
+    coordinates = merged_positions(mesh.uv)[mesh.face_uv]
+    pairs = positions * (int(coordinates.max()) + 1) + coordinates
+    found, corners = np.unique(pairs, return_inverse=True)
+    return corners.reshape(pairs.shape), len(found)
 
 
 class SurfaceIndex:
@@ -88,6 +101,11 @@ class SurfaceIndex:
     distances are right to 0.3 micrometres; in slivers metres long they may be off by 0.1 mm. Faces
     without area are left out.
 
+    Args:
+        mesh: What to index.
+        split_seams: Whether smooth normals end at texture seams: corners then share one only if
+            they agree in texture coordinate as well as in position.
+
     Attributes:
         mesh: What was indexed.
         bounds: (2, 3) lower and upper corner of the box around all faces with an area.
@@ -95,8 +113,9 @@ class SurfaceIndex:
         face_areas: (F,) in the mesh's unit, squared.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, *, split_seams: bool = False) -> None:
         self.mesh = mesh
+        self._split_seams = split_seams
         self.face_vectors = mesh.face_normals()
         self.face_areas = _lengths(self.face_vectors) / 2
         self._searchable = np.flatnonzero(self.face_areas > 0)
@@ -129,9 +148,14 @@ class SurfaceIndex:
         return float(np.einsum("ij,ij->", arms, self.face_vectors)) / 6
 
     @cached_property
-    def vertex_normals(self) -> Floats:
-        """(V, 3) see ``vertex_normals``."""
-        return _vertex_normals(self.mesh, self.face_vectors)
+    def _smooth(self) -> tuple[Floats, Indices]:
+        """(K, 3) unit normals, and (F, 3) which of them each corner has."""
+        if self._split_seams:
+            corners, count = _split_at_seams(self.mesh)
+        else:
+            group = merged_positions(self.mesh.vertices)
+            corners, count = group[self.mesh.faces], int(group.max()) + 1
+        return _corner_normals(corners, count, self.face_vectors), corners
 
     def closest(self, points: Floats) -> tuple[SurfacePoints, Floats]:
         """The nearest points of the surface to (N, 3) query points, and their (N,) distances.
@@ -155,15 +179,21 @@ class SurfaceIndex:
         points = _blend(self.mesh.vertices, self.mesh.faces[faces], barycentric)
         return SurfacePoints(points=points, faces=faces, barycentric=barycentric)
 
-    def normals(self, where: SurfacePoints) -> Floats:
-        """(N, 3) unit normals: vertex normals interpolated, face normals where these cancel."""
-        blended = _blend(self.vertex_normals, self.mesh.faces[where.faces], where.barycentric)
+    def smooth_normals(self, where: SurfacePoints) -> Floats:
+        """(N, 3) unit normals, interpolated from those of the corners; NaN where these cancel."""
+        corner_normals, corners = self._smooth
+        blended = _blend(corner_normals, corners[where.faces], where.barycentric)
         lengths = _lengths(blended)
-        cancelled = lengths < _CANCELLED
+        return blended / np.where(lengths < _CANCELLED, np.nan, lengths)[:, None]
+
+    def normals(self, where: SurfacePoints) -> Floats:
+        """(N, 3) unit normals: ``smooth_normals``, and face normals where these cancel."""
+        normals = self.smooth_normals(where)
+        cancelled = np.isnan(normals[:, 0])
         if cancelled.any():
-            blended[cancelled] = self.face_vectors[where.faces[cancelled]]
-            lengths[cancelled] = _lengths(blended[cancelled])
-        return blended / lengths[:, None]
+            vectors = self.face_vectors[where.faces[cancelled]]
+            normals[cancelled] = vectors / _lengths(vectors)[:, None]
+        return normals
 
 
 def _lengths(vectors: Floats) -> Floats:

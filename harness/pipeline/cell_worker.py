@@ -103,7 +103,9 @@ def _told(
         }
         for stage in meter.stages
     ]
-    outcome, details = scored(result.mesh, *scanned, protocol)
+    # As it is filed: without texture coordinates, whose seams could split its normals. And however
+    # large or far away: it is what the method made.
+    outcome, details = scored(result.mesh.geometry(), *scanned, protocol, misplaced="tell")
     return {
         "metrics": {name: value.to_dict() for name, value in outcome.metrics.items()},
         "stages": costs,

@@ -14,15 +14,27 @@ from harness.core.settings import MetricProtocol
 
 if TYPE_CHECKING:
     from metrics.regions import FaceRegions
-    from metrics.score import Score
+    from metrics.score import Misplaced, Score
 
 __all__ = ["labelled_faces", "region_details", "scored"]
 
 
 def scored(
-    predicted: Mesh, scan: Scan, truth: Mesh, protocol: MetricProtocol
+    predicted: Mesh,
+    scan: Scan,
+    truth: Mesh,
+    protocol: MetricProtocol,
+    *,
+    misplaced: Misplaced = "refuse",
 ) -> tuple[Score, dict[str, object]]:
     """A mesh's score against a scan, and what a record tells of it besides its metrics.
+
+    Args:
+        predicted: What to score.
+        scan: Where the truth came from.
+        truth: The scan's mesh in world metres.
+        protocol: How.
+        misplaced: What becomes of a prediction in another unit or frame, as in ``score``.
 
     Raises:
         DataError: a mesh that cannot be compared, or labels that are not the scan's.
@@ -30,7 +42,9 @@ def scored(
     from metrics.score import score
 
     regions = labelled_faces(scan, truth)
-    outcome = score(predicted, truth, protocol, keep_points=regions is not None)
+    outcome = score(
+        predicted, truth, protocol, keep_points=regions is not None, misplaced=misplaced
+    )
     return outcome, {
         "diagnostics": outcome.diagnostics,
         "warnings": list(outcome.warnings),

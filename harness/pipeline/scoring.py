@@ -39,8 +39,8 @@ def score_pair(
     from metrics.score import score
 
     with ThreadPoolExecutor(max_workers=2) as pool:
-        ours, theirs = pool.map(load_mesh, (predicted, truth))
-    return score(ours, theirs, protocol, keep_points=keep_points)
+        ours, theirs = pool.map(lambda path: load_mesh(path, seams=True), (predicted, truth))
+    return score(ours, theirs, protocol, keep_points=keep_points, misplaced="refuse")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,8 @@ def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> R
         else:
             scan, truth = load_scan(name, dataset, root, subject)
             identity = {"scan": scan.identity(), "mesh": file_sha256(path)}
-            outcome, details = scored(load_mesh(path), scan, truth, request.protocol)
+            predicted = load_mesh(path, seams=True)
+            outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
             metrics = dict(outcome.metrics)
     except HarnessError as error:
         status, reason = "failed", str(error)

@@ -37,6 +37,8 @@ def test_from_scans_to_tables(world, harness, eval_toy):
     hull = {name: value["mean"] for name, value in rows["hull8"]["metrics"].items()}
     assert 1 < hull["p2s_accuracy"] < 40
     assert hull["chamfer"] > truth["chamfer"]
+    (floor,) = [text for text in table["remarks"] if text.startswith("Sampling floor of Chamfer")]
+    assert floor.endswith(f" {truth['chamfer']:.2f} mm")
 
     latex = harness("report", "--format", "latex", "--published").stdout
     assert "\\toprule" in latex

@@ -27,12 +27,13 @@ _NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"
 _EXACT_DIGITS = 15
 
 
-def read_obj(path: Path, *, texture: bool) -> Mesh:
+def read_obj(path: Path, *, texture: bool, seams: bool = False) -> Mesh:
     """The mesh of an OBJ file; polygons are cut into fans, ``vn`` records are ignored.
 
     Args:
         path: The ``.obj`` file.
         texture: Whether the texture is wanted; then its image file must exist.
+        seams: Whether texture coordinates are wanted if there are any, with no image.
 
     Raises:
         DataError: unreadable numbers, mixed face layouts, several materials or no image although
@@ -43,10 +44,11 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
     corners = _Corners(records, path)
     faces = corners.triangles(0, b"v")
     geometry = Mesh(vertices=vertices[:, :3], faces=faces, source=str(path))
-    if not texture:
+    has_coordinates = corners.layout in ("v/vt", "v/vt/vn")
+    if not texture and not (seams and has_coordinates):
         return geometry
     uv = _numbers(records.lines(b"vt"), path, "vt")
-    if len(uv) == 0 or corners.layout not in ("v/vt", "v/vt/vn"):
+    if len(uv) == 0 or not has_coordinates:
         raise DataError(
             f"{path} has no texture coordinates",
             expected="vt records and faces of the form v/vt",
@@ -56,7 +58,7 @@ def read_obj(path: Path, *, texture: bool) -> Mesh:
         geometry,
         uv=uv[:, :2],
         face_uv=corners.triangles(1, b"vt"),
-        texture=texture_image(path, records.texts(b"mtllib")),
+        texture=texture_image(path, records.texts(b"mtllib")) if texture else None,
     )
 
 

@@ -102,6 +102,25 @@ def test_a_texture_seam_does_not_split_vertices(tmp_path: Path) -> None:
     assert mesh.texture == tmp_path / "skin.png"
 
 
+def test_seams_are_read_without_an_image(tmp_path: Path) -> None:
+    path = tmp_path / "seams.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0.5\nf 1/1 2/2 3/1\n")
+    mesh = read_obj(path, texture=False, seams=True)
+    assert mesh.uv is not None
+    assert mesh.uv.tolist() == [[0, 0], [1, 0.5]]
+    assert mesh.face_uv is not None
+    assert mesh.face_uv.tolist() == [[0, 1, 0]]
+    assert mesh.texture is None
+    assert read_obj(path, texture=False).uv is None
+
+
+def test_a_file_without_texture_coordinates_has_no_seams(tmp_path: Path) -> None:
+    path = tmp_path / "plain.obj"
+    for faces in ("f 1 2 3", "f 1//1 2//1 3//1"):
+        path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\n{faces}\n")
+        assert read_obj(path, texture=False, seams=True).uv is None
+
+
 def test_a_textured_file_is_also_plain_geometry(tmp_path: Path) -> None:
     mesh = read(tmp_path, textured(tmp_path, image=False))
 

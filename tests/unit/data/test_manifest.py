@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.data.manifest import load_manifest, subject_range
@@ -53,7 +54,11 @@ def test_the_shipped_manifest_is_the_paper():
         ("rig: ring8, width: 1080", "rig: ring9, width: 1080", "recipes.paper8.rig", "'ring8'"),
         ("scale: fit ", "scale: inches ", "datasets.thuman21.scale", "height=<metres>"),
         ("subjects: [a01, a02]", "subjects: [a01, b02]", "splits.avatars-tiny", "'a02'"),
-        ("version: 1, sam", "version: one, sam", "protocols.mexecon.version", "integer"),
+        ("version: 2, sam", "version: one, sam", "protocols.mexecon.version", "integer"),
+        (
+            *("normal_weights: permuted", "normal_weights: wrong"),
+            *("protocols.mexecon.normal_weights", "'barycentric' or 'permuted'"),
+        ),
     ],
 )  # fmt: skip
 def test_a_mistake_names_file_line_key_and_the_nearest(tmp_path, before, after, place, hint):
@@ -66,6 +71,17 @@ def test_a_mistake_names_file_line_key_and_the_nearest(tmp_path, before, after, 
     message = str(caught.value)
     assert f"{path}, line {line_of(text, after)}, {place}" in message
     assert hint in message
+
+
+def test_the_shipped_protocols_say_how_normals_are_compared():
+    manifest = load_manifest(SHIPPED)
+    mexecon, exact = manifest.protocol("mexecon"), manifest.protocol("exact")
+    assert (mexecon.normal_weights, mexecon.texture_seams) == ("permuted", "split")
+    assert (exact.normal_weights, exact.texture_seams) == ("barycentric", "smooth")
+    assert (mexecon.cancelled_normals, exact.cancelled_normals) == ("left-out", "face")
+    declared = yaml.safe_load(SHIPPED.read_text())["protocols"]
+    for entry in declared.values():
+        assert {"normal_weights", "texture_seams", "cancelled_normals"} <= entry.keys()
 
 
 def test_not_yaml_missing_file_and_repeated_key(tmp_path):

@@ -166,7 +166,7 @@ def test_vertex_normals_weigh_faces_by_area():
 def test_a_sheet_without_thickness_keeps_its_face_normals():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
     index = SurfaceIndex(Mesh(vertices=vertices, faces=np.array([[0, 1, 2], [0, 2, 1]])))
-    np.testing.assert_array_equal(index.vertex_normals, 0)
+    np.testing.assert_array_equal(vertex_normals(index.mesh), 0)
     where = SurfacePoints(
         points=np.full((2, 3), 1 / 3), faces=np.array([0, 1]), barycentric=np.full((2, 3), 1 / 3)
     )
@@ -194,3 +194,30 @@ def test_an_unused_vertex_has_no_normal_and_does_no_harm():
     mesh = Mesh(vertices=vertices, faces=TETRAHEDRON.faces)
     np.testing.assert_array_equal(vertex_normals(mesh)[4], 0)
     np.testing.assert_allclose(SurfaceIndex(mesh).centre, [0.5, 0.5, 0.5])
+
+
+def test_smooth_normals_end_where_texture_coordinates_differ():
+    """By value: two coordinates that are equal are one, whatever their numbers."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = np.array([[0, 1, 2], [0, 3, 1]])
+    uv = np.array([[0, 0], [1, 0], [0, 1], [0, 0], [0.5, 0.5]])
+    where = SurfacePoints(
+        points=vertices[[0, 1]], faces=np.array([0, 0]), barycentric=np.eye(3)[[0, 1]]
+    )
+    both, alone = np.array([0, 1, 1]) / np.sqrt(2), [0, 0, 1]
+    for face_uv, expected in (
+        ([[0, 1, 2], [3, 2, 1]], [both, both]),
+        ([[0, 1, 2], [3, 2, 4]], [both, alone]),
+        ([[0, 1, 2], [4, 2, 1]], [alone, both]),
+    ):
+        mesh = Mesh(vertices=vertices, faces=faces, uv=uv, face_uv=np.array(face_uv))
+        split, smooth = SurfaceIndex(mesh, split_seams=True), SurfaceIndex(mesh)
+        np.testing.assert_allclose(split.smooth_normals(where), expected, atol=1e-12)
+        np.testing.assert_allclose(smooth.smooth_normals(where), [both, both], atol=1e-12)
+
+
+def test_smooth_normals_that_cancel_are_not_numbers():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
+    index = SurfaceIndex(Mesh(vertices=vertices, faces=np.array([[0, 1, 2], [0, 2, 1]])))
+    where = index.at(np.array([0, 1]), np.full((2, 3), 1 / 3))
+    assert np.isnan(index.smooth_normals(where)).all()

@@ -107,7 +107,13 @@ def shapes() -> SimpleNamespace:
 
 @pytest.fixture(scope="session")
 def mexecon() -> MetricProtocol:
-    return MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
+    """As shipped."""
+    return MetricProtocol(
+        *("mexecon", 2, 30_000, "independent", "sample-to-sample"),
+        normal_weights="permuted",
+        texture_seams="split",
+        cancelled_normals="left-out",
+    )
 
 
 @pytest.fixture(scope="session")

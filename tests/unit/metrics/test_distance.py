@@ -10,7 +10,6 @@ from metrics.distance import (
     nearest_sample_mm,
     nearest_surface_mm,
     point_to_surface,
-    sampling_floor_mm,
 )
 from metrics.sampling import sample_surface
 
@@ -29,7 +28,7 @@ def test_chamfer_is_the_mean_of_both_directions():
     """Not their sum, not squared, not the maximum."""
     predicted = np.array([[0.0, 0, 0], [0, 0, 0.004]])
     truth = np.array([[0.0, 0, 0.001], [0, 0, 0.011]])
-    found = chamfer_sample_to_sample(predicted, truth, (1.0, 1.0))
+    found = chamfer_sample_to_sample(predicted, truth)
     assert found.value == pytest.approx(((1 + 3) / 2 + (1 + 7) / 2) / 2)
     assert (found.unit, found.n) == ("mm", 4)
 
@@ -42,15 +41,6 @@ def test_chamfer_between_surfaces_is_the_mean_of_accuracy_and_completeness():
     assert found.standard_error == pytest.approx(accuracy.standard_error / 2)
 
 
-def test_the_floor_of_a_body_is_four_millimetres():
-    assert sampling_floor_mm(1.9, 30_000) == pytest.approx(3.98, abs=0.005)
-
-
-def test_the_floor_weighs_both_areas():
-    found = chamfer_sample_to_sample(np.zeros((100, 3)), np.ones((25, 3)), (1.0, 4.0))
-    assert found.floor == pytest.approx((50 + 200) / 2)
-
-
 @pytest.mark.parametrize("shift", [0.0, 0.05])
 def test_the_standard_error_of_chamfer_is_that_of_repeated_samples(shapes, shift):
     first = SurfaceIndex(shapes.sphere(level=3))
@@ -61,7 +51,7 @@ def test_the_standard_error_of_chamfer_is_that_of_repeated_samples(shapes, shift
             sample_surface(surface, 500, "independent", 2 * seed + side).points
             for side, surface in enumerate((first, second))
         ]
-        found.append(chamfer_sample_to_sample(*points, (first.area, second.area)))
+        found.append(chamfer_sample_to_sample(*points))
     stated = np.mean([chamfer.standard_error for chamfer in found])
     assert 0.8 < stated / np.std([chamfer.value for chamfer in found]) < 1.3
 

@@ -29,8 +29,9 @@ def test_a_score_holds_the_four_metrics_of_geometry_in_their_units(pair, mexecon
     assert result.warnings == ()
 
 
-def test_the_two_protocols_differ_in_chamfer_alone(pair, mexecon, exact):
+def test_the_two_protocols_differ_in_chamfer_and_in_the_weights_of_normals(pair, mexecon, exact):
     published, ours = score(*pair, mexecon), score(*pair, exact)
+    right = score(*pair, dataclasses.replace(mexecon, normal_weights="barycentric"))
     mean = (
         published.metrics["p2s_accuracy"].value + published.metrics["p2s_completeness"].value
     ) / 2
@@ -38,9 +39,72 @@ def test_the_two_protocols_differ_in_chamfer_alone(pair, mexecon, exact):
     assert published.metrics["chamfer"].floor > 3
     assert ours.metrics["chamfer"].floor == 0
     for name in ("p2s_accuracy", "p2s_completeness", "normal_error"):
-        first, second = published.metrics[name], ours.metrics[name]
+        first, second = right.metrics[name], ours.metrics[name]
         error = np.hypot(first.standard_error, second.standard_error)
         assert abs(first.value - second.value) < 4 * error
+    error = 4 * published.metrics["normal_error"].standard_error
+    assert published.metrics["normal_error"].value > ours.metrics["normal_error"].value + error
+    assert {**published.metrics, "normal_error": 0} == {**right.metrics, "normal_error": 0}
+
+
+def test_the_other_direction_has_no_mistake_of_the_published_evaluator(pair, mexecon):
+    right = dataclasses.replace(mexecon, normal_weights="barycentric")
+    permuted, plain = (
+        score(*pair, rules).diagnostics["normals"]["truth_to_predicted_mean_deg"]
+        for rules in (mexecon, right)
+    )
+    assert permuted == plain
+
+
+def test_smooth_normals_end_at_texture_seams_where_the_protocol_says_so(shapes, mexecon):
+    """A cube with a texture of its own on each side is as sharp as it looks."""
+    cube = shapes.box([0, 0, 0], [1, 1, 1], level=2)
+    sides = np.abs(cube.face_normals()).argmax(axis=1) * 2 + (cube.face_normals().sum(axis=1) > 0)
+    textured = dataclasses.replace(
+        cube,
+        uv=np.stack([np.arange(6) / 6, np.zeros(6)], axis=1),
+        face_uv=np.repeat(sides[:, None], 3, axis=1),
+    )
+    rules = dataclasses.replace(mexecon, normal_weights="barycentric", texture_seams="smooth")
+    flat = dataclasses.replace(rules, texture_seams="split")
+    around = shapes.moved(cube, (1e-4, 1e-4, 1e-4))
+    assert score(textured, textured, flat).metrics["normal_error"].value < 1e-3
+    assert score(around, textured, rules).metrics["normal_error"].value < 1
+    assert score(around, textured, flat).metrics["normal_error"].value > 5
+    assert score(around, cube, flat).metrics == score(around, cube, rules).metrics
+
+
+def test_points_whose_normals_cancel_are_left_out_or_take_the_face(shapes, mexecon):
+    """Half of the area is a sheet without thickness, its two sides on the same vertices."""
+    square = shapes.square(level=0)
+    sheet = dataclasses.replace(square, faces=np.vstack([square.faces, square.faces[:, ::-1]]))
+    predicted = shapes.joined(sheet, shapes.moved(shapes.square(2**0.5, 0), (0, 0, 0.5)))
+    truth = shapes.moved(shapes.square(2), (0, 0, 0.25))
+    left_out = score(predicted, truth, mexecon, keep_points=True)
+    kept = score(predicted, truth, dataclasses.replace(mexecon, cancelled_normals="face"))
+    assert left_out.metrics["normal_error"].n == pytest.approx(15_000, abs=500)
+    assert left_out.metrics["normal_error"].value < 1e-3
+    assert np.isnan(left_out.predicted_points.normal_errors_deg).sum() == pytest.approx(15_000, 0.1)
+    assert kept.metrics["normal_error"].n == 30_000
+    assert kept.metrics["normal_error"].value == pytest.approx(45, abs=1)
+    with pytest.raises(DataError, match="no normal error"):
+        score(sheet, truth, mexecon)
+
+
+def test_the_floor_is_what_the_truth_scores(shapes, mexecon):
+    """Also where sheets lie close to one another: there it is below that of a single sheet."""
+    layers = [shapes.sphere(radius, level=4) for radius in (0.3, 0.301, 0.302)]
+    truth = shapes.joined(*layers, source="layers")
+    floor = score(layers[0], truth, mexecon).metrics["chamfer"].floor
+    assert floor == score(truth, truth, mexecon).metrics["chamfer"].value
+    others = [
+        score(truth, truth, dataclasses.replace(mexecon, seed=seed)).metrics["chamfer"]
+        for seed in range(1, 5)
+    ]
+    error = others[0].standard_error * np.sqrt(1 + 1 / 4)
+    assert abs(floor - np.mean([other.value for other in others])) < 4 * error
+    single = 500 * np.sqrt(truth.area / 30_000)
+    assert floor < single - 8 * error
 
 
 def test_a_score_is_plain_json(pair, mexecon):

@@ -67,6 +67,38 @@ def test_a_subject_counts_where_it_has_the_region():
     assert f"Not on all of {n} subjects: Head 0, Torso 0, Arms 1" in table.caption
 
 
+def test_each_column_has_its_best_on_the_subjects_that_all_rows_have_there():
+    first, second, third = SUBJECTS
+    hull = with_regions(
+        lambda s: {"hair": errors(10.0 if s == first else 90.0), "hands": errors(10.0)}
+    )
+    hull = [record for record in hull if record.method_name == "hull8"]
+    other = {
+        first: {"hair": errors(20.0)},
+        second: {"hands": errors(20.0)},
+        third: {"hands": errors(5.0)},
+    }
+    named = [
+        replace(
+            record,
+            method={**record.method, "name": "other", "title": "Other"},
+            details={"regions": other[record.subject]},
+        )
+        for record in hull
+    ]
+    table = regions_table([*hull, *named])
+    found = rows(table)
+    assert found["hull8"]["best"] == ["completeness_hair", "completeness_hands"]
+    assert found["hull8"]["metrics"]["completeness_hair"]["mean"] > 60
+    assert found["other"]["best"] == []
+    ranked_on = json.loads(to_json(table))["ranked_on"]
+    assert ranked_on["completeness_hair"] == [first]
+    assert ranked_on["completeness_hands"] == [second, third]
+    assert "bold by the means on the subjects that all ranked rows with numbers" in table.caption
+    (note,) = [text for text in found["hull8"]["notes"] if "On the" in text]
+    assert note.endswith("have: Hair 10.0 mm, Hands 10.0 mm")
+
+
 def test_a_region_that_no_predicted_point_is_near_has_no_accuracy():
     none = dict.fromkeys(("accuracy_mm", "normal_error_deg", "bulge_share"))
     lost = {"hands": errors(300.0, **none, n_predicted=0), "head": errors(4.0)}

@@ -103,6 +103,68 @@ def test_a_row_that_was_given_the_answer_is_never_best():
     assert table.is_best(row_of(table, "hull8"), column_of(table, "p2s_accuracy"))
 
 
+def with_chamfers(method, by_subject):
+    """A method's records with these values; a subject without one failed."""
+    made = []
+    for record in of_method("hull8"):
+        value = by_subject.get(record.subject)
+        named = replace(record, method={**record.method, "name": method, "title": method})
+        failed = replace(named, status="failed", reason="it fell over", metrics={})
+        made.append(failed if value is None else with_chamfer(named, value))
+    return made
+
+
+def test_the_best_is_told_on_the_subjects_that_all_ranked_rows_have():
+    """Who fails on the hard subject has the lower mean, and is not the better for it."""
+    careful = with_chamfers("careful", {"a01": 10.0, "a02": 10.0, "a03": 70.0})
+    fragile = with_chamfers("fragile", {"a01": 20.0, "a02": 20.0})
+    table = geometry_table([*careful, *fragile, *of_method("gt"), *of_method("vggt")])
+    column = column_of(table, "chamfer")
+    best = {row.method: table.is_best(row, column) for row in table.rows}
+    means = [row_of(table, name).cells["chamfer"].value for name in ("careful", "fragile")]
+    assert means == [30.0, 20.0]
+    assert best == {"careful": True, "fragile": False, "gt": False, "vggt": False}
+    assert table.common_subjects(column) == ("a01", "a02")
+    assert "bold by the means on the 2 subjects that all ranked rows with num" in table.caption
+    notes = {row.method: [text for text in row.notes if "On the" in text] for row in table.rows}
+    (note,) = notes.pop("careful")
+    assert "Chamfer 10.00 mm, P2S Acc." in note
+    assert not any(notes.values())
+
+
+def test_rows_without_a_common_subject_are_not_ranked():
+    first = with_chamfers("first", {"a01": 1.0})
+    second = with_chamfers("second", {"a02": 2.0, "a03": 2.0})
+    table = geometry_table([*first, *second])
+    assert not any(table.is_best(row, column) for row in table.rows for column in table.columns)
+    assert "where ranked rows have a subject in common: none here" in table.caption
+
+
+def test_rows_of_the_same_subjects_are_ranked_by_what_is_printed():
+    values = {"a01": 10.0, "a03": 20.0}
+    table = geometry_table([*with_chamfers("first", values), *with_chamfers("second", values)])
+    assert table.uneven == ()
+    assert "best in bold. " in table.caption
+    assert not any("On the" in note for row in table.rows for note in row.notes)
+    assert all(table.is_best(row, column_of(table, "chamfer")) for row in table.rows)
+
+
+def test_a_row_that_is_not_ranked_takes_no_subject_from_the_others():
+    truth = [record for record in of_method("gt") if record.subject == "a02"]
+    table = geometry_table([*of_method("hull8"), *truth])
+    assert table.common_subjects(column_of(table, "chamfer")) == ("a01", "a02", "a03")
+    assert table.uneven == ()
+
+
+def test_the_floor_is_that_of_the_truths_whatever_the_rows():
+    """Each subject's counts once, however many methods were measured on it."""
+    scored = fmean(record.metrics["chamfer"].value for record in of_method("gt"))
+    for records in (RECORDS, of_method("gt"), [*of_method("hull8"), *of_method("mexecon")]):
+        assert f"mean over subjects: {scored:.2f} mm" in geometry_table(records).caption
+    table = geometry_table(RECORDS)
+    assert row_of(table, "gt").cells["chamfer"].value == pytest.approx(scored)
+
+
 def test_an_interval_needs_two_subjects():
     spread = lambda values: (min(values), max(values))  # noqa: E731
     cell = geometry_table(of_method("hull8"), interval=spread).rows[0].cells["chamfer"]
@@ -193,7 +255,7 @@ def test_nothing_to_report_says_what_there_is():
 
 def test_the_caption_says_what_was_measured_and_how():
     table = geometry_table(RECORDS)
-    for part in ("avatars", "3 subjects", "quick8", "mexecon version 1", table.protocol["sha"]):
+    for part in ("avatars", "3 subjects", "quick8", "mexecon version 2", table.protocol["sha"]):
         assert str(part) in table.caption
     assert "n/N" in table.caption
     assert "n/N" not in geometry_table(of_method("hull8")).caption
@@ -202,7 +264,10 @@ def test_the_caption_says_what_was_measured_and_how():
 def test_rows_share_a_footnote_only_when_its_text_is_the_same():
     table = geometry_table(RECORDS)
     hull, mexecon = row_of(table, "hull8"), row_of(table, "mexecon")
-    assert set(table.marks(hull)) < set(table.marks(mexecon))
+    shared = set(table.marks(hull)) & set(table.marks(mexecon))
+    assert [text for text, mark in table.footnotes.items() if mark in shared] == [
+        "Given: known cameras"
+    ]
     assert len(set(table.footnotes.values())) == len(table.footnotes)
 
 
