@@ -62,7 +62,6 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Print a table of a run's records, or draw a figure of its meshes."""
-    from harness.core.files import write_text
     from harness.pipeline.reporting import ReportRequest, build_table, in_order
     from harness.pipeline.store import RunStore
     from harness.pipeline.workspace import Workspace
@@ -73,7 +72,7 @@ def report(
         draw = _figure(figure)
         records = in_order(store.records(), split_names(method))
         source = _source(store, records, place, manifest, split_names(subjects))
-        _admit(figure, source, tuple(dict.fromkeys(r.method_name for r in records)), reason)
+        _admit(figure, source, records, reason)
         print(draw(store, source, records, output or store.directory / f"{figure}.png"))
         return
     request = ReportRequest(
@@ -84,7 +83,13 @@ def report(
         interval=interval,
         published=published,
     )
-    text = build_table(store.records(), request)
+    _put(build_table(store.records(), request), output)
+
+
+def _put(text: str, output: Path | None) -> None:
+    """Print a table, or write it and print where."""
+    from harness.core.files import write_text
+
     if output is None:
         print(text, end="" if text.endswith("\n") else "\n")
     else:
@@ -100,11 +105,12 @@ def _figure(name: str) -> Callable[[RunStore, Source, Sequence[Record], Path], P
     return FIGURES[name]
 
 
-def _admit(figure: str, source: Source, methods: tuple[str, ...], reason: str) -> None:
+def _admit(figure: str, source: Source, records: Sequence[Record], reason: str) -> None:
     """Figures of sealed subjects need a reason and are logged."""
     from harness.cli.display import Bars
     from harness.pipeline.sealed import Look, admit
 
+    methods = tuple(dict.fromkeys(record.method_name for record in records))
     look = Look(
         f"figure {figure}", source.name, source.subjects, reason, methods, source.recipe.name
     )
