@@ -77,7 +77,7 @@ def report(
         draw = _figure(figure)
         records = in_order(store.records(), split_names(method))
         source = _source(store, records, place, manifest, split_names(subjects))
-        _admit(figure, source, tuple(dict.fromkeys(r.method_name for r in records)), reason)
+        _admit(figure, source, records, reason)
         print(draw(store, source, records, output or store.directory / f"{figure}.png"))
         return
     request = ReportRequest(
@@ -121,11 +121,12 @@ def _figure(name: str) -> Callable[[RunStore, Source, Sequence[Record], Path], P
     return FIGURES[name]
 
 
-def _admit(figure: str, source: Source, methods: tuple[str, ...], reason: str) -> None:
+def _admit(figure: str, source: Source, records: Sequence[Record], reason: str) -> None:
     """Figures of sealed subjects need a reason and are logged."""
     from harness.cli.display import Bars
     from harness.pipeline.sealed import Look, admit
 
+    methods = tuple(dict.fromkeys(record.method_name for record in records))
     look = Look(
         f"figure {figure}", source.name, source.subjects, reason, methods, source.recipe.name
     )
