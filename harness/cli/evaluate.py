@@ -15,7 +15,9 @@ from harness.cli.options import (
     Protocol,
     Recipe,
     Subjects,
+    Timeout,
     WorkspacePath,
+    limit_s,
     split_names,
 )  # fmt: skip
 from harness.core.errors import HarnessError
@@ -45,12 +47,19 @@ def evaluate(
             help="Keep intermediate results: normal maps, sheets, a contact sheet of the stages.",
         ),
     ] = False,
+    timeout: Timeout = 3600.0,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would run.")] = False,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Render what is missing, reconstruct, score and file records; resume is the default."""
+    """Render what is missing, reconstruct, score and file records; resume is the default.
+
+    A record is made again when anything that its numbers depend on changed: photos, scan, true
+    body and labels, the code that is really used, the packages that it imports, settings, protocol
+    or seed; --dry-run says what. A failure that is not the method's never replaces a good record.
+    Ctrl-C stops at once and files nothing half done (exit code 130).
+    """
     from harness.data.manifest import load_manifest
     from harness.pipeline.plan import EvalRequest
     from harness.pipeline.sources import Source
@@ -68,6 +77,7 @@ def evaluate(
         jobs=jobs,
         settings=_settings(settings or []),
         keep=keep,
+        timeout_s=limit_s(timeout),
     )
     if dry_run:
         _show_plan(request, as_json=as_json)
@@ -88,13 +98,11 @@ def _settings(texts: list[str]) -> dict[str, str]:
 
 
 def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
-    from dataclasses import asdict
-
     from harness.pipeline.plan import plan
 
     cells = plan(request)
     if as_json:
-        print(json.dumps([asdict(cell) for cell in cells], indent=2))
+        print(json.dumps([cell.to_dict() for cell in cells], indent=2))
         return
     for cell in cells:
         print(f"{cell.method:16} {cell.subject:10} {cell.state:7} {cell.why}")
@@ -112,6 +120,11 @@ def _run(request: EvalRequest, *, as_json: bool) -> None:
     if as_json:
         document = {"run": str(request.store.directory), "counts": counts, "cached": summary.cached}
         document["records"] = [record.to_dict() for record in summary.records]
+        document["stale"] = [
+            {"method": kept.record.method_name, "subject": kept.record.subject, "why": kept.kept}
+            for kept in summary.outcomes
+            if kept.kept
+        ]
         print(json.dumps(document, indent=2))
     else:
         told = ", ".join(f"{number} {status}" for status, number in counts.items())

@@ -16,7 +16,9 @@ __all__ = [
     "Recipe",
     "Run",
     "Subjects",
+    "Timeout",
     "WorkspacePath",
+    "limit_s",
     "split_names",
 ]
 
@@ -37,7 +39,21 @@ Recipe = Annotated[str, typer.Option("--recipe", help="Render recipe of the mani
 Protocol = Annotated[str, typer.Option("--protocol", help="Metric protocol of the manifest.")]
 Run = Annotated[str | None, typer.Option("--run", help="Run folder. Default: the last one.")]
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Subjects worked on at once.")]
+Timeout = Annotated[
+    float,
+    typer.Option(
+        "--timeout",
+        min=0.0,
+        metavar="SECONDS",
+        help="Longest time for one subject's photos, or one reconstruction; 0 is no limit.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+
+
+def limit_s(timeout: float) -> float | None:
+    """The seconds of ``--timeout``; None, which is no limit, for 0."""
+    return timeout or None
 
 
 def split_names(text: str) -> tuple[str, ...]:

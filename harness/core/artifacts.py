@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.files import read_json
+from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 
 __all__ = [
@@ -53,6 +54,8 @@ class Scan:
         warnings: What a reader of the numbers should know, such as an unusual height.
         body_path: Parameters and vertices of the true body, where the dataset has them.
         labels_path: Per-face region labels, where the dataset has them.
+        truth_sha256: Of body and labels, by file name: scores depend on them, photos do not.
+        reader: ``code`` and ``packages`` that turn the files into metres, as of ``SourceDigest``.
     """
 
     dataset: str
@@ -65,6 +68,8 @@ class Scan:
     warnings: tuple[str, ...] = ()
     body_path: Path | None = None
     labels_path: Path | None = None
+    truth_sha256: Mapping[str, str] = field(default_factory=dict[str, str])
+    reader: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
 
     def identity(self) -> dict[str, object]:
         """What makes two scans the same: content and rules, not where they lie."""
@@ -75,6 +80,10 @@ class Scan:
             "facing_rule": self.facing_rule,
             "sha256": dict(self.sha256),
         }
+
+    def truth_identity(self) -> dict[str, object]:
+        """What makes two scans the same as a truth to score against: body and labels, too."""
+        return {**self.identity(), "sha256": {**self.sha256, **self.truth_sha256}}
 
 
 def image_name(view: int) -> str:
@@ -104,11 +113,22 @@ class Capture:
     directory: Path
     cameras: tuple[Camera, ...]
     warnings: tuple[str, ...] = ()
-    provenance: Mapping[str, object] = field(default_factory=dict[str, object])
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def image_path(self, view: int) -> Path:
         """The PNG of a view: 8-bit sRGB colour, alpha is coverage."""
         return self.directory / image_name(view)
+
+    def damage(self) -> str:
+        """Which picture is not what was rendered, in words; empty where all are."""
+        pictures: Mapping[str, str] = self.provenance.get("images", {})
+        if set(pictures) != {image_name(view) for view in range(len(self.cameras))}:
+            return f"{self.directory} does not tell the hashes of its pictures"
+        for name, sha256 in pictures.items():
+            path = self.directory / name
+            if not path.is_file() or file_sha256(path) != sha256:
+                return f"{path} is damaged"
+        return ""
 
     def to_dict(self) -> dict[str, object]:
         """The content of ``capture.json``."""

@@ -46,7 +46,8 @@ class Record:
     """What is known of one method on one subject.
 
     Attributes:
-        key: Content id of all inputs; a record with another key is stale.
+        key: Content id of ``inputs``; a record with another key is stale. Empty where they could
+            not be told, such as for photos that could not be made.
         method: ``MethodInfo.to_dict()``.
         dataset, subject, recipe: What was reconstructed, from which photos.
         protocol: Name, version and hash of the metric protocol.
@@ -59,6 +60,8 @@ class Record:
         details: What the method or the scorer wants a reader to know.
         environment: Host, package versions, commit and dirty flag.
         created_utc: ISO 8601.
+        inputs: Everything that the numbers depend on, in readable form.
+        files: sha256 of the results beside the record, by file name, such as ``mesh.ply``.
     """
 
     key: str
@@ -76,6 +79,8 @@ class Record:
     details: Mapping[str, object] = field(default_factory=dict[str, object])
     environment: Mapping[str, object] = field(default_factory=dict[str, object])
     created_utc: str = ""
+    inputs: Mapping[str, object] = field(default_factory=dict[str, object])
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def method_name(self) -> str:
