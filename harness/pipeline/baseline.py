@@ -8,6 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
 from harness.core.files import read_json, write_json
+from harness.core.hashing import content_hash
 from harness.core.records import Record
 from reports.selection import check_comparable
 
@@ -213,6 +214,9 @@ def inputs_of(record: Record) -> dict[str, str]:
     _flatten("method", record.method, flat)
     _flatten("protocol", record.protocol, flat)
     _flatten("packages", packages, flat)
+    if "code" in record.inputs:
+        # One text for all modules: a baseline is read by people.
+        flat["code"] = content_hash({"code": record.inputs["code"]})
     return {**flat, "capture": str(record.capture.get("key", "")), "seed": str(record.seed)}
 
 

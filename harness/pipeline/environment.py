@@ -14,7 +14,8 @@ import harness
 
 __all__ = ["environment", "utc_now"]
 
-_PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe")
+_PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe",
+             "onnxruntime")  # fmt: skip
 
 
 def utc_now() -> str:

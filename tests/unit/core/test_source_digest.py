@@ -116,9 +116,7 @@ def test_one_line_of_a_used_module_is_seen(
         ("methods/relative.py", "from", "__version__ = '2'\nfrom"),
     ],
 )
-def test_what_decides_nothing_is_not_seen(
-    folder: Path, file: str, before: str, after: str
-) -> None:
+def test_what_decides_nothing_is_not_seen(folder: Path, file: str, before: str, after: str) -> None:
     tree = SourceTree.below(folder)
     old = tree.digest(["methods.one"])
     edit(folder / file, before, after)
