@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from harness.core.artifacts import Capture, Scan, image_name
@@ -11,24 +13,67 @@ from harness.core.frames import write_transforms_json
 from harness.core.hashing import content_hash, file_sha256
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
+from harness.core.source_digest import SourceTree
 from renderers.catalog import RENDERERS
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import Progress, Renderer, RenderOutcome, silent, texture_of
 
-__all__ = ["capture", "capture_key"]
+__all__ = ["CaptureInputs", "capture"]
+
+_NOT_THE_PICTURES = ("renderers.proof", SourceTree.__module__)
 
 
-def capture_key(scan: Scan, recipe: RenderRecipe) -> str:
-    """Content id of everything that makes the pictures: scan, recipe, renderer and its version.
+@dataclass(frozen=True, slots=True)
+class CaptureInputs:
+    """Everything that makes pictures; ``key`` is the content id of all of it.
 
-    Raises:
-        HarnessError: the recipe names an unknown renderer.
-        MissingPart: the renderer is not installed.
+    Attributes:
+        scan: ``Scan.identity()``.
+        recipe: ``RenderRecipe.to_dict()``.
+        code: Digests by module of what reads the scan and renders it.
+        packages: Versions by name of the packages that these modules import.
+        device: ``CPU`` or a GPU's interface, such as ``OPTIX``.
     """
-    renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
-    return content_hash(
-        {"scan": scan.identity(), "recipe": recipe.to_dict(), "renderer": renderer.version}
-    )
+
+    scan: Mapping[str, object]
+    recipe: Mapping[str, object]
+    code: Mapping[str, str]
+    packages: Mapping[str, str]
+    device: str
+
+    @classmethod
+    def of(cls, scan: Scan, recipe: RenderRecipe, device: str) -> CaptureInputs:
+        """What pictures that are made now would be made from.
+
+        Args:
+            scan: What is photographed.
+            recipe: How.
+            device: What computes, as ``RenderOutcome.device_kind``.
+
+        Raises:
+            HarnessError: the recipe names an unknown renderer.
+        """
+        code = scan.reader.get("code", {})
+        packages = scan.reader.get("packages", {})
+        module = RENDERERS.module(recipe.renderer)
+        # The proof looks at pictures and changes none of them.
+        rendering = SourceTree.installed(module).digest([__name__, module], _NOT_THE_PICTURES)
+        return cls(
+            scan=scan.identity(),
+            recipe=recipe.to_dict(),
+            code=dict(sorted({**code, **rendering.modules}.items())),
+            packages=dict(sorted({**packages, **rendering.packages}.items())),
+            device=device,
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values, as ``capture.json`` holds them."""
+        return asdict(self)
+
+    @property
+    def key(self) -> str:
+        """Content id."""
+        return content_hash(self.to_dict())
 
 
 def capture(
@@ -53,7 +98,8 @@ def capture(
         MissingPart: the renderer is not installed.
     """
     texture_of(mesh)
-    key = capture_key(scan, recipe)
+    # Before the work: code that changes meanwhile must make the pictures stale, not current.
+    planned = CaptureInputs.of(scan, recipe, device="")
     renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
     cameras = recipe.cameras()
     images = [image_name(view) for view in range(len(cameras))]
@@ -63,17 +109,18 @@ def capture(
         rendered = time.perf_counter()
         proofs = prove(mesh, cameras, folder)
         require_proof(proofs, recipe.minimum_mask_iou, f"'{scan.subject}'")
+        inputs = replace(planned, device=outcome.device_kind)
         timings = {"render_s": rendered - started, "proof_s": time.perf_counter() - rendered}
         result = Capture(
             dataset=scan.dataset,
             subject=scan.subject,
             recipe=recipe.name,
-            key=key,
+            key=inputs.key,
             directory=directory,
             cameras=cameras,
             front_yaw_deg=scan.front_yaw_deg,
             warnings=(*scan.warnings, *cut_warnings(proofs), *outcome.warnings),
-            provenance=_provenance(scan, recipe, renderer, outcome, proofs)
+            provenance=_provenance(scan, inputs, outcome, proofs)
             | {"timings": timings, "images": {name: file_sha256(folder / name) for name in images}},
         )
         write_transforms_json(folder / "transforms.json", cameras, images)
@@ -82,21 +129,11 @@ def capture(
 
 
 def _provenance(
-    scan: Scan,
-    recipe: RenderRecipe,
-    renderer: Renderer,
-    outcome: RenderOutcome,
-    proofs: tuple[ViewProof, ...],
+    scan: Scan, inputs: CaptureInputs, outcome: RenderOutcome, proofs: tuple[ViewProof, ...]
 ) -> dict[str, object]:
     return {
-        "recipe": recipe.to_dict(),
-        "recipe_sha": recipe.sha,
-        "scan": scan.identity(),
+        "inputs": inputs.to_dict(),
         "scan_to_world": scan.scan_to_world.tolist(),
-        "renderer": {
-            "name": recipe.renderer,
-            "version": renderer.version,
-            "device": outcome.device,
-        },
+        "device": outcome.device,
         "proof": [proof.to_dict() for proof in proofs],
     }

@@ -33,18 +33,14 @@ class RenderOutcome:
     device: str
     warnings: tuple[str, ...] = ()
 
+    @property
+    def device_kind(self) -> str:
+        """Its first word, which decides the pictures: ``CPU``, or a GPU's interface."""
+        return self.device.split()[0]
+
 
 class Renderer(Protocol):
     """Photographs a mesh. Found by name in ``renderers.catalog``; made without arguments."""
-
-    @property
-    def version(self) -> str:
-        """Changes whenever equal recipes may give other pictures; part of a capture's key.
-
-        Raises:
-            MissingPart: the program behind the renderer is not installed.
-        """
-        ...
 
     def render(
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress

@@ -5,7 +5,6 @@ For tests, previews and machines without Blender; ``renderers/studio.py`` has th
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +24,12 @@ __all__ = ["RaycastRenderer"]
 
 Floats = NDArray[np.float64]
 
-_VERSION = 1
 #: Rays along each side of a pixel. Odd, so that half-covered pixels do not tie.
 _SUPERSAMPLE = 3
 
 
 class RaycastRenderer:
     """Casts nine rays a pixel with Open3D; samples, denoiser and seed do not matter to it."""
-
-    @property
-    def version(self) -> str:
-        """Ours and Open3D's."""
-        return f"{_VERSION} (open3d {version('open3d')})"
 
     def render(
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress

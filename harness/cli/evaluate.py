@@ -17,7 +17,9 @@ from harness.cli.options import (
     Recipe,
     Set,
     Subjects,
+    Timeout,
     WorkspacePath,
+    limit_s,
     parsed_settings,
     split_names,
 )  # fmt: skip
@@ -46,12 +48,19 @@ def evaluate(
         ),
     ] = False,
     reason: Reason = "",
+    timeout: Timeout = 3600.0,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would run.")] = False,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Render what is missing, reconstruct, score and file records; resume is the default."""
+    """Render what is missing, reconstruct, score and file records; resume is the default.
+
+    A record is made again when anything that its numbers depend on changed: photos, scan, true
+    body and labels, the code that is really used, the packages that it imports, settings, protocol
+    or seed; --dry-run says what. A failure that is not the method's never replaces a good record.
+    Ctrl-C stops at once and files nothing half done (exit code 130).
+    """
     from harness.data.manifest import load_manifest
     from harness.pipeline.plan import EvalRequest
     from harness.pipeline.sources import Source
@@ -70,6 +79,7 @@ def evaluate(
         settings=parsed_settings(settings),
         keep=keep,
         reason=reason,
+        timeout_s=limit_s(timeout),
     )
     if dry_run:
         _show_plan(request, as_json=as_json)
@@ -78,8 +88,6 @@ def evaluate(
 
 
 def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
-    from dataclasses import asdict
-
     from harness.cli.display import Bars
     from harness.pipeline.plan import plan
     from harness.pipeline.sealed import announce
@@ -87,7 +95,7 @@ def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
     announce(request.source.manifest, request.source.name, Bars())
     cells = plan(request)
     if as_json:
-        print(json.dumps([asdict(cell) for cell in cells], indent=2))
+        print(json.dumps([cell.to_dict() for cell in cells], indent=2))
         return
     for cell in cells:
         print(f"{cell.method:16} {cell.subject:10} {cell.state:7} {cell.why}")
@@ -105,6 +113,11 @@ def _run(request: EvalRequest, *, as_json: bool) -> None:
     if as_json:
         document = {"run": str(request.store.directory), "counts": counts, "cached": summary.cached}
         document["records"] = [record.to_dict() for record in summary.records]
+        document["stale"] = [
+            {"method": kept.record.method_name, "subject": kept.record.subject, "why": kept.kept}
+            for kept in summary.outcomes
+            if kept.kept
+        ]
         print(json.dumps(document, indent=2))
     else:
         told = ", ".join(f"{number} {status}" for status, number in counts.items())

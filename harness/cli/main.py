@@ -2,7 +2,7 @@
 
 Exit codes: 0 done; 1 the command ran and the answer is no (failed subjects, moved numbers, missing
 files); 2 a request that cannot be carried out; 3 bad data; 4 a missing part; 5 a failed method or
-worker; 6 numbers that must not be mixed.
+worker; 6 numbers that must not be mixed; 130 and 143 stopped by Ctrl-C and by SIGTERM.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from harness.cli import (
     weights,
 )
 from harness.core.errors import HarnessError
+from harness.core.interrupts import Interrupted, stopped_by_signals
 
 __all__ = ["app", "main"]
 
@@ -53,13 +54,18 @@ app.add_typer(weights.app, name="weights")
 def main() -> None:
     """Run the command line; a user's mistake is one sentence on standard error."""
     try:
-        app(standalone_mode=True)
+        with stopped_by_signals():
+            app(standalone_mode=True)
     except HarnessError as error:
         print(f"harness: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        print("harness: interrupted; the same command continues", file=sys.stderr)
-        sys.exit(130)
+    except Interrupted as stop:
+        print(
+            f"harness: stopped by {stop.signal.name}; what is finished is kept, and the same "
+            "command continues",
+            file=sys.stderr,
+        )
+        sys.exit(stop.exit_code)
 
 
 if __name__ == "__main__":

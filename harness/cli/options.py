@@ -20,7 +20,9 @@ __all__ = [
     "Run",
     "Set",
     "Subjects",
+    "Timeout",
     "WorkspacePath",
+    "limit_s",
     "parsed_settings",
     "split_names",
 ]
@@ -44,6 +46,15 @@ Run = Annotated[str | None, typer.Option("--run", help="Run folder. Default: the
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Subjects worked on at once.")]
 Reason = Annotated[
     str, typer.Option("--reason", help="Why sealed subjects are looked at; it is logged.")
+]
+Timeout = Annotated[
+    float,
+    typer.Option(
+        "--timeout",
+        min=0.0,
+        metavar="SECONDS",
+        help="Longest time for one subject's photos, or one reconstruction; 0 is no limit.",
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
@@ -71,6 +82,11 @@ def parsed_settings(texts: list[str] | None) -> dict[str, str]:
             )
         pairs[name.strip()] = value.strip()
     return pairs
+
+
+def limit_s(timeout: float) -> float | None:
+    """The seconds of ``--timeout``; None, which is no limit, for 0."""
+    return timeout or None
 
 
 def split_names(text: str) -> tuple[str, ...]:

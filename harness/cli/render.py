@@ -9,7 +9,9 @@ from harness.cli.options import (
     ManifestPath,
     Recipe,
     Subjects,
+    Timeout,
     WorkspacePath,
+    limit_s,
     split_names,
 )  # fmt: skip
 
@@ -21,6 +23,7 @@ def render(
     subjects: Subjects = "",
     recipe: Recipe = "paper8",
     jobs: Jobs = 1,
+    timeout: Timeout = 3600.0,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
@@ -40,5 +43,5 @@ def render(
         recipe,
     )
     with Bars(quiet=as_json) as bars:
-        outcomes = render_all(source, jobs, bars)
+        outcomes = render_all(source, jobs, bars, limit_s(timeout))
     tell(outcomes, as_json=as_json)

@@ -163,12 +163,12 @@ def _folder(
         store=RunStore(place.run(run)),
     )
     with Bars(quiet=as_json) as bars:
-        records = score_folder(request, bars)
+        outcomes = score_folder(request, bars)
     if as_json:
-        print(json.dumps([record.to_dict() for record in records], indent=2))
+        print(json.dumps([outcome.record.to_dict() for outcome in outcomes], indent=2))
     else:
-        scored = sum(record.status == "ok" for record in records)
-        print(f"{scored} of {len(records)} subjects scored in {request.store.directory}")
+        scored = sum(outcome.status == "ok" for outcome in outcomes)
+        print(f"{scored} of {len(outcomes)} subjects scored in {request.store.directory}")
         print(f"Next: harness report --table geometry --run {run}")
-    if any(record.status != "ok" for record in records):
+    if any(outcome.status != "ok" for outcome in outcomes):
         raise typer.Exit(1)

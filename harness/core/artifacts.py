@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.files import read_json
+from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.rigs import views_from_front
 
@@ -57,6 +58,8 @@ class Scan:
         labels_path: Per-face region labels, where the dataset has them.
         front_yaw_deg: Where the subject faces in the world, from +Z towards +X; not 0 only under
             the scale rule ``units``, which turns nothing.
+        truth_sha256: Of body and labels, by file name: scores depend on them, photos do not.
+        reader: ``code`` and ``packages`` that turn the files into metres, as of ``SourceDigest``.
     """
 
     dataset: str
@@ -70,6 +73,8 @@ class Scan:
     body_path: Path | None = None
     labels_path: Path | None = None
     front_yaw_deg: float = 0.0
+    truth_sha256: Mapping[str, str] = field(default_factory=dict[str, str])
+    reader: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
 
     def identity(self) -> dict[str, object]:
         """What makes two scans the same: content and rules, not where they lie."""
@@ -80,6 +85,10 @@ class Scan:
             "facing_rule": self.facing_rule,
             "sha256": dict(self.sha256),
         }
+
+    def truth_identity(self) -> dict[str, object]:
+        """What makes two scans the same as a truth to score against: body and labels, too."""
+        return {**self.identity(), "sha256": {**self.sha256, **self.truth_sha256}}
 
 
 def image_name(view: int) -> str:
@@ -112,7 +121,7 @@ class Capture:
     directory: Path
     cameras: tuple[Camera, ...]
     warnings: tuple[str, ...] = ()
-    provenance: Mapping[str, object] = field(default_factory=dict[str, object])
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     front_yaw_deg: float = 0.0
     numbers: tuple[int, ...] = ()
 
@@ -132,6 +141,17 @@ class Capture:
             cameras=tuple(self.cameras[view] for view in order),
             numbers=tuple(self.numbers[view] for view in order) if self.numbers else order,
         )
+
+    def damage(self) -> str:
+        """Which picture is not what was rendered, in words; empty where all are."""
+        pictures: Mapping[str, str] = self.provenance.get("images", {})
+        if set(pictures) != {image_name(view) for view in range(len(self.cameras))}:
+            return f"{self.directory} does not tell the hashes of its pictures"
+        for name, sha256 in pictures.items():
+            path = self.directory / name
+            if not path.is_file() or file_sha256(path) != sha256:
+                return f"{path} is damaged"
+        return ""
 
     def to_dict(self) -> dict[str, object]:
         """The content of ``capture.json``, with cameras in the order of the recipe."""

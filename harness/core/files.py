@@ -9,12 +9,14 @@ import glob
 import json
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
 from harness.core.errors import DataError
+from harness.core.interrupts import require_not_stopped
 
 __all__ = [
     "atomic_directory",
@@ -26,6 +28,7 @@ __all__ = [
     "write_text",
 ]
 
+_LOCK_POLL_S = 0.05
 #: Only writing runs into these; the kernel does not say for which file.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
@@ -165,11 +168,25 @@ def exclusive_lock(path: Path) -> Generator[None]:
     """Hold the lock file ``path``; waits while another process or thread holds it.
 
     The kernel releases it when its holder dies, however it dies, so no stale lock can remain.
+
+    Raises:
+        Interrupted: the run was stopped while it waited.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
+        while not _locked(stream.fileno()):
+            require_not_stopped()
+            time.sleep(_LOCK_POLL_S)
         try:
             yield
         finally:
             fcntl.flock(stream, fcntl.LOCK_UN)
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether the lock could be taken at once; a thread that sleeps in the kernel hears nothing."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

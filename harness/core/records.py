@@ -47,7 +47,8 @@ class Record:
     """What is known of one method on one subject.
 
     Attributes:
-        key: Content id of all inputs; a record with another key is stale.
+        key: Content id of ``inputs``; a record with another key is stale. Empty where they could
+            not be told, such as for photos that could not be made.
         method: ``MethodInfo.to_dict()``.
         dataset, subject, recipe: What was reconstructed, from which photos.
         protocol: Name, version and hash of the metric protocol.
@@ -62,6 +63,8 @@ class Record:
         created_utc: ISO 8601.
         scale_rule: What turned the scan's units into metres; empty in records of earlier versions,
             all of whose rules gave metres.
+        inputs: Everything that the numbers depend on, in readable form.
+        files: sha256 of the results beside the record, by file name, such as ``mesh.ply``.
     """
 
     key: str
@@ -80,6 +83,8 @@ class Record:
     environment: Mapping[str, object] = field(default_factory=dict[str, object])
     created_utc: str = ""
     scale_rule: str = ""
+    inputs: Mapping[str, object] = field(default_factory=dict[str, object])
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def length_unit(self) -> str:

@@ -37,6 +37,14 @@ class Registry:
     def __iter__(self) -> Iterator[str]:
         return iter(self.targets())
 
+    def module(self, name: str) -> str:
+        """Dotted name of the module in which a name's object is; nothing is imported.
+
+        Raises:
+            HarnessError: as ``resolve``.
+        """
+        return EntryPoint(name=name, value=self._target(name), group=self._group).module
+
     def resolve(self, name: str) -> Any:
         """The object behind a name.
 
@@ -45,11 +53,9 @@ class Registry:
                 without the object.
             MissingPart: the module needs a package that is not installed.
         """
-        targets = self.targets()
-        if name not in targets:
-            raise HarnessError(f"unknown {self.kind} '{name}'", hint=did_you_mean(name, targets))
+        target = self._target(name)
         try:
-            return EntryPoint(name=name, value=targets[name], group=self._group).load()
+            return EntryPoint(name=name, value=target, group=self._group).load()
         except ImportError as error:
             raise MissingPart(
                 f"{self.kind} '{name}' could not be loaded: {error}",
@@ -58,6 +64,12 @@ class Registry:
         except AttributeError as error:
             raise HarnessError(
                 f"{self.kind} '{name}' is not where it is registered",
-                expected=targets[name],
+                expected=target,
                 got=str(error),
             ) from error
+
+    def _target(self, name: str) -> str:
+        targets = self.targets()
+        if name not in targets:
+            raise HarnessError(f"unknown {self.kind} '{name}'", hint=did_you_mean(name, targets))
+        return targets[name]

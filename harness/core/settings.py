@@ -105,7 +105,6 @@ class RenderRecipe:
         denoise: Whether the renderer's denoiser runs on colour (alpha is never denoised).
         seed: Of the light paths.
         minimum_mask_iou: The proof: least IoU of alpha and ray-cast mask in any view.
-        version: Changes whenever the pictures may change for equal settings.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -121,7 +120,6 @@ class RenderRecipe:
     denoise: bool = True
     seed: int = 0
     minimum_mask_iou: float = 0.995
-    version: int = 1
 
     def cameras(self) -> tuple[Camera, ...]:
         """The recipe's cameras, in order of view."""

@@ -7,6 +7,7 @@ its parent, so that a killed run leaves nothing behind.
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import re
 import signal
@@ -22,8 +23,9 @@ from typing import Any
 from harness.core import errors
 from harness.core.errors import HarnessError, MethodError
 from harness.core.files import read_json, write_json
+from harness.core.interrupts import require_not_stopped
 
-__all__ = ["run_worker", "worker_main"]
+__all__ = ["WorkerDied", "run_worker", "worker_main"]
 
 _TAIL_LINES = 15
 _POLL_S = 0.05
@@ -34,12 +36,23 @@ _PR_SET_PDEATHSIG = 1
 Progress = Callable[[int, int], None]
 
 
+class WorkerDied(MethodError):
+    """A worker ended without a result.
+
+    Attributes:
+        by_signal: What ended it, or None after an exit or a time limit.
+    """
+
+    by_signal: signal.Signals | None = None
+
+
 def run_worker(
     module: str,
     job: Mapping[str, object],
     *,
     log: Path | None = None,
     progress: Progress | None = None,
+    timeout_s: float | None = None,
 ) -> dict[str, Any]:
     """The result of ``python -m module`` on a job.
 
@@ -51,11 +64,15 @@ def run_worker(
         job: JSON values handed to it.
         log: Where its output is kept; a temporary file by default.
         progress: Called with (done, total) whenever the worker says so.
+        timeout_s: After so many seconds it is ended; None is no limit.
 
     Raises:
-        HarnessError: the one that the worker raised, by class, or ``MethodError`` with the exit
-            status and the log's tail when it died.
+        HarnessError: the one that the worker raised, by class.
+        WorkerDied: it ended without a result, or was ended after ``timeout_s``; with the log's
+            tail.
+        Interrupted: the run was stopped; so is the worker, and no other begins.
     """
+    require_not_stopped()
     with tempfile.TemporaryDirectory(prefix="harness-job-") as folder:
         job_path, result_path = Path(folder, "job.json"), Path(folder, "result.json")
         log_path = log or Path(folder, "log.txt")
@@ -68,17 +85,16 @@ def run_worker(
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
+                # Ctrl-C is for the run, which ends its workers itself.
+                process_group=0,
             )
             try:
-                _follow(process, log_path, progress)
+                in_time = _follow(process, log_path, progress, timeout_s)
             finally:
                 process.kill()
                 process.wait()
         if not result_path.is_file():
-            raise MethodError(
-                f"worker {module} ended with {_ending(process.returncode)} and no result",
-                hint=f"Last lines of its log:\n{_tail(log_path)}",
-            )
+            raise _death(module, process.returncode if in_time else None, timeout_s, log_path)
         result = read_json(result_path)
     if failure := result.get("error"):
         kind: type[HarnessError] = getattr(errors, failure.pop("kind"))
@@ -86,23 +102,51 @@ def run_worker(
     return result["value"]
 
 
-def _follow(process: subprocess.Popen[bytes], log: Path, progress: Progress | None) -> None:
-    """Wait for the end of a process, passing on what it says of its progress."""
+def _follow(
+    process: subprocess.Popen[bytes],
+    log: Path,
+    progress: Progress | None,
+    timeout_s: float | None,
+) -> bool:
+    """Wait for the end of a process, passing on what it says of its progress.
+
+    Whether it ended by itself, before its time was over.
+    """
+    end = math.inf if timeout_s is None else time.monotonic() + timeout_s
     pending = ""
     with log.open("r", encoding="utf-8", errors="replace") as stream:
         while True:
+            require_not_stopped()
+            late = time.monotonic() > end
             ended = process.poll() is not None
             lines, newline, pending = (pending + stream.read()).rpartition("\n")
             for done, total in _PROGRESS.findall(lines + newline):
                 if progress:
                     progress(int(done), int(total))
-            if ended:
-                return
+            if ended or late:
+                return ended
             time.sleep(_POLL_S)
 
 
+def _death(module: str, status: int | None, timeout_s: float | None, log: Path) -> WorkerDied:
+    """What is told of a worker without a result; ``status`` is None after a time limit."""
+    tail = f"Last lines of its log:\n{_tail(log)}"
+    if status is None:
+        return WorkerDied(
+            f"worker {module} had no result after {timeout_s:g} seconds and was stopped",
+            hint=f"If it needs longer, give --timeout SECONDS. {tail}",
+        )
+    died = WorkerDied(f"worker {module} ended with {_ending(status)} and no result", hint=tail)
+    died.by_signal = signal.Signals(-status) if status < 0 else None
+    return died
+
+
 def _ending(status: int) -> str:
-    return f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
+    if status >= 0:
+        return f"exit status {status}"
+    if -status == signal.SIGKILL:
+        return "signal SIGKILL (which the system sends when memory runs out)"
+    return f"signal {signal.Signals(-status).name}"
 
 
 def _tail(log: Path) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,15 @@ from harness.core.errors import DataError
 from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
+from harness.core.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
 from harness.data.manifest import Dataset
 from harness.data.thuman import find_subject
 from harness.data.unpickle import read_array_pickle
+
+if TYPE_CHECKING:
+    # What a manifest says of a dataset is in a scan's rules; how it was read decides nothing.
+    from harness.data.manifest import Dataset
 
 __all__ = ["PLAUSIBLE_HEIGHT_M", "load_scan", "load_world_mesh", "locate_scan"]
 
@@ -65,6 +71,10 @@ def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
         sha256={path.name: file_sha256(path) for path in content},
         body_path=files.body,
         labels_path=files.labels,
+        truth_sha256={
+            path.name: file_sha256(path) for path in (files.body, files.labels) if path is not None
+        },
+        reader=SourceTree.installed().digest([__name__], [SourceTree.__module__]).to_dict(),
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
 from harness.core.files import read_json, write_json
+from harness.core.hashing import content_hash
 from harness.core.records import Record
 from harness.core.units import Unit
 from reports.normal_maps import normals_of
@@ -288,6 +289,9 @@ def inputs_of(record: Record) -> dict[str, str]:
     _flatten("method", record.method, flat)
     _flatten("protocol", record.protocol, flat)
     _flatten("packages", packages, flat)
+    if "code" in record.inputs:
+        # One text for all modules: a baseline is read by people.
+        flat["code"] = content_hash({"code": record.inputs["code"]})
     return {**flat, "capture": str(record.capture.get("key", "")), "seed": str(record.seed)}
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
+from harness.core.interrupts import in_threads
 from harness.core.workers import run_worker
 from harness.pipeline.progress import Progress, Silent, counted
 from harness.pipeline.sealed import Look, admit, announce
@@ -50,37 +50,61 @@ class CaptureOutcome:
         return f"{self.subject}: {self.state:9} {self.directory}{notes}"
 
 
-def photograph(source: Source, subject: str, progress: Progress) -> Capture:
+def photograph(
+    source: Source, subject: str, progress: Progress, timeout_s: float | None = None
+) -> Capture:
     """One subject's photos, made in a child process if they are not there or stale.
+
+    Args:
+        source: Of the subject.
+        subject: Its id.
+        progress: Told of every view.
+        timeout_s: How long making them may take; None is no limit.
 
     Raises:
         HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
     """
     if source.capture_state(subject)[0] != "cached":
         job = {"source": source.to_job(), "subject": subject, "only_scan": False}
-        run_worker(_WORKER, job, progress=counted(progress, PHOTOS))
+        run_worker(_WORKER, job, progress=counted(progress, PHOTOS), timeout_s=timeout_s)
     return Capture.load(source.capture_directory(subject))
 
 
-def render_all(source: Source, jobs: int, progress: Progress) -> list[CaptureOutcome]:
-    """The photos of all subjects of a source; one that fails does not stop the others."""
+def render_all(
+    source: Source, jobs: int, progress: Progress, timeout_s: float | None = None
+) -> list[CaptureOutcome]:
+    """The photos of all subjects of a source; one that fails does not stop the others.
+
+    Args:
+        source: Of the subjects.
+        jobs: Subjects at once.
+        progress: Told of every view.
+        timeout_s: How long one subject may take; None is no limit.
+    """
     source.root()
     announce(source.manifest, source.name, progress)
-    states = {subject: source.capture_state(subject)[0] for subject in source.subjects}
+    states = {subject: _state(source, subject) for subject in source.subjects}
     waiting = sum(state != "cached" for state in states.values())
     progress.expect(PHOTOS, waiting * source.recipe.rig.views)
 
     def one(subject: str) -> CaptureOutcome:
         state = "cached" if states[subject] == "cached" else "made now"
         try:
-            capture = photograph(source, subject, progress)
+            capture = photograph(source, subject, progress, timeout_s)
         except HarnessError as error:
             return CaptureOutcome(subject, "failed", "", failure=str(error))
         proof = capture.provenance.get("proof")
         return CaptureOutcome(subject, state, str(capture.directory), proof, capture.warnings)
 
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
-        return list(pool.map(one, source.subjects))
+    return in_threads(one, source.subjects, jobs)
+
+
+def _state(source: Source, subject: str) -> str:
+    try:
+        return source.capture_state(subject)[0]
+    except HarnessError:
+        # Told again, as this subject's own failure, when its photos are to be made.
+        return "missing"
 
 
 def show_avatar(source: Source, path: Path, progress: Progress, reason: str = "") -> Path:
@@ -134,5 +158,4 @@ def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureO
             progress.done("avatars")
         return CaptureOutcome(subject, "made now", directory)
 
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
-        return list(pool.map(one, source.subjects))
+    return in_threads(one, source.subjects, jobs)

@@ -1,116 +1,196 @@
-"""Runs in a child process: one method on one subject, scored, with what it cost."""
+"""Runs in a child process: one method on one subject, scored, with what it cost.
+
+It is told what its record will be filed under, and tells at the end whether photos, scan and code
+have been that all the time.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import tempfile
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from harness.core.artifacts import Body, Capture, Reconstruction, Scan
-from harness.core.errors import MethodError
-from harness.core.files import atomic_directory, atomic_path
-from harness.core.hashing import derive_seed
+from harness.core.differences import listed_differences
+from harness.core.errors import HarnessError, MethodError, MissingPart
+from harness.core.files import atomic_path
+from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
-from harness.core.privileges import Privilege
 from harness.core.protocols import Context, Method
 from harness.core.settings import MetricProtocol
 from harness.core.workers import Progress, worker_main
-from harness.pipeline.body_scoring import TrueBody, body_metrics
+from harness.pipeline.cell import Truth, lent_to, scores_of, seed_for
+from harness.pipeline.cell_result import CellResult
 from harness.pipeline.cost import StageMeter
+from harness.pipeline.environment import environment
+from harness.pipeline.inputs import Inputs, evaluated
 from harness.pipeline.normal_files import save_normals
-from harness.pipeline.normal_scoring import normal_details
-from harness.pipeline.oracle_normals import OracleNormals
-from harness.pipeline.plan import resolve_method
-from harness.pipeline.region_scoring import scored
+from harness.pipeline.plan import method_module, resolve_method
 from harness.pipeline.sources import Source
 
 __all__ = ["handle"]
 
 
-def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:  # noqa: ARG001
-    """Reconstruct and score; the parts of the record that only the run itself can know."""
-    subject = str(job["subject"])
-    source = Source.from_job(job["source"], subject)  # type: ignore[arg-type]
-    method = resolve_method(str(job["method"]), dict(job["settings"]))  # type: ignore[call-overload]
-    protocol = source.manifest.protocol(str(job["protocol"]))
-    capture = source.capture(subject)
-    scan, truth = source.load(subject)
-    cell = Path(str(job["cell"]))
-    meter = StageMeter()
-    with _workdir(cell, keep=bool(job["keep"])) as workdir:
-        context = Context(
-            seed=derive_seed(int(job["seed"]), method.info.name, subject),  # type: ignore[call-overload]
-            workdir=workdir,
-            stage=meter.stage,
-            privileged=_privileged(method, capture, truth),
+def handle(job: dict[str, Any], progress: Progress) -> dict[str, object]:  # noqa: ARG001
+    """Reconstruct and score; a ``CellResult`` with the method's own failures in it.
+
+    Raises:
+        HarnessError: photos or scan cannot be read, or results cannot be written.
+    """
+    # Before anything else: the commit is that of the code which is about to be imported.
+    made_with = environment()
+    task = _Task.from_job(job)
+    before = task.stamp()
+    if changed := task.changed():
+        return CellResult("changed", changed).to_dict()
+    result = task.carried_out()
+    changed = task.changed() or ("" if task.stamp() == before else "the photos were made anew")
+    if changed:
+        return CellResult("changed", changed).to_dict()
+    return replace(result, environment=made_with).to_dict()
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """One cell, as planned.
+
+    Attributes:
+        source: With the one subject.
+        name: The method's, in the catalogue.
+        method: With its settings.
+        protocol: Of the metrics.
+        seed: Root seed of the run.
+        planned: ``Inputs.to_dict()`` of the plan.
+        key: Of the plan.
+        folder: Receives mesh, body and normals.
+        keep: Whether intermediate results stay.
+    """
+
+    source: Source
+    name: str
+    method: Method
+    protocol: MetricProtocol
+    seed: int
+    planned: dict[str, Any]
+    key: str
+    folder: Path
+    keep: bool
+
+    @classmethod
+    def from_job(cls, job: dict[str, Any]) -> _Task:
+        source = Source.from_job(job["source"], str(job["subject"]))
+        return cls(
+            source=source,
+            name=str(job["method"]),
+            method=resolve_method(str(job["method"]), job["settings"]),
+            protocol=source.manifest.protocol(str(job["protocol"])),
+            seed=int(job["seed"]),
+            planned=job["inputs"],
+            key=str(job["key"]),
+            folder=Path(job["folder"]),
             keep=bool(job["keep"]),
         )
-        result = method.reconstruct(capture, context)
-    save_mesh(cell / "mesh.ply", result.mesh)
-    told = _told(result, (scan, truth), protocol, meter)
-    if result.body:
-        _save_body(cell / "body.npz", result.body)
-        found = body_metrics(result.body, capture, truth, TrueBody.of(scan))
-        told["metrics"] |= {name: value.to_dict() for name, value in found.items()}
-    if result.normals:
-        save_normals(cell / "normals.npz", result.normals)
-        told["details"] |= normal_details(result.normals, scan, truth)
-    return told
 
+    @property
+    def subject(self) -> str:
+        return self.source.subjects[0]
 
-@contextlib.contextmanager
-def _workdir(cell: Path, *, keep: bool) -> Iterator[Path]:
-    """A fresh folder for intermediate results: the cell's own ``work``, or one that goes away."""
-    if keep:
-        with atomic_directory(cell / "work") as workdir:
-            yield workdir
-    else:
-        with tempfile.TemporaryDirectory(prefix="harness-work-") as name:
-            yield Path(name)
+    def capture(self) -> Capture:
+        return Capture.load(self.source.capture_directory(self.subject))
 
+    def stamp(self) -> tuple[int, int]:
+        """Another one after photos have been put in place anew, even if they are the same."""
+        found = (self.source.capture_directory(self.subject) / "capture.json").stat()
+        return found.st_ino, found.st_mtime_ns
 
-def _privileged(method: Method, capture: Capture, truth: Mesh) -> dict[str, object]:
-    """What the method's declared privileges entitle it to, and nothing else."""
-    lent: dict[str, object] = {}
-    if Privilege.GROUND_TRUTH_MESH in method.info.privileges:
-        lent[Privilege.GROUND_TRUTH_MESH] = truth.geometry()
-    if Privilege.SUBJECT_CENTRE in method.info.privileges:
-        lent[Privilege.SUBJECT_CENTRE] = truth.bounds.mean(axis=0)
-    if Privilege.ORACLE_NORMALS in method.info.privileges:
-        views = method.info.views or range(len(capture.cameras))
-        lent[Privilege.ORACLE_NORMALS] = OracleNormals(
-            truth, [capture.cameras[view] for view in views]
+    def changed(self) -> str:
+        """What is not as planned now, in words; empty while all is."""
+        try:
+            capture = self.capture()
+            damage = capture.damage()
+            now = self._inputs(capture, self.source.locate(self.subject))
+        except (HarnessError, OSError) as error:
+            return str(error)
+        if now.key == self.key:
+            return damage
+        return f"changed since it was planned: {listed_differences(self.planned, now.to_dict())}"
+
+    def _inputs(self, capture: Capture, scan: Scan) -> Inputs:
+        module = method_module(self.name)
+        return evaluated(self.method.info, module, capture, scan, self.protocol, self.seed)
+
+    def carried_out(self) -> CellResult:
+        """The method's result, scored and written.
+
+        Raises:
+            HarnessError: photos or scan cannot be read, or results cannot be written.
+        """
+        capture = self.capture().from_front()
+        truth = Truth.read(*self.source.load(self.subject))
+        meter = StageMeter()
+        try:
+            result = self._reconstruction(capture, truth.mesh, meter)
+            self._require_planned_scoring(result)
+            scores = scores_of(result, capture, truth, self.protocol)
+        except MissingPart as error:
+            return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
+        except HarnessError as error:
+            return CellResult("failed", str(error), stages=tuple(meter.stages))
+        return CellResult(
+            "ok",
+            metrics=scores.metrics,
+            stages=tuple(meter.stages),
+            details=scores.details,
+            files=self._written(result),
         )
-    return lent
 
+    def _reconstruction(self, capture: Capture, truth: Mesh, meter: StageMeter) -> Reconstruction:
+        info = self.method.info
+        with self._workdir() as workdir:
+            context = Context(
+                seed=seed_for(self.seed, info, self.subject),
+                workdir=workdir,
+                stage=meter.stage,
+                privileged=lent_to(info, capture, truth),
+                keep=self.keep,
+            )
+            return self.method.reconstruct(capture, context)
 
-def _told(
-    result: Reconstruction, scanned: tuple[Scan, Mesh], protocol: MetricProtocol, meter: StageMeter
-) -> dict[str, Any]:
-    if not isinstance(result.mesh, Mesh):
-        raise MethodError("the method returned no mesh", got=type(result.mesh).__name__)
-    costs = [
-        {
-            "name": stage.name,
-            "wall_s": stage.wall_s,
-            "peak_rss_mib": stage.peak_rss_mib,
-            "peak_gpu_mib": stage.peak_gpu_mib,
-        }
-        for stage in meter.stages
-    ]
-    # As it is filed: without texture coordinates, whose seams could split its normals. And however
-    # large or far away: it is what the method made.
-    outcome, details = scored(result.mesh.geometry(), *scanned, protocol, misplaced="tell")
-    return {
-        "metrics": {name: value.to_dict() for name, value in outcome.metrics.items()},
-        "stages": costs,
-        "details": {**dict(result.details), **details},
-    }
+    @contextlib.contextmanager
+    def _workdir(self) -> Iterator[Path]:
+        """A fresh folder for intermediate results: one that stays, or one that goes away."""
+        if self.keep:
+            workdir = self.folder / "work"
+            workdir.mkdir(parents=True)
+            yield workdir
+        else:
+            with tempfile.TemporaryDirectory(prefix="harness-work-") as name:
+                yield Path(name)
+
+    def _require_planned_scoring(self, result: Reconstruction) -> None:
+        """Refuse what the record's key does not count the scoring code of."""
+        for name, there in (("body", result.body), ("normal", result.normals)):
+            if there and f"harness.pipeline.{name}_scoring" not in self.planned["code"]:
+                raise MethodError(
+                    f"the method handed out what its code does not name: a {name}",
+                    expected="'Body' or 'NormalMaps', imported by name from harness.core.artifacts",
+                )
+
+    def _written(self, result: Reconstruction) -> dict[str, str]:
+        """The sha256 of the results' files, by name."""
+        save_mesh(self.folder / "mesh.ply", result.mesh)
+        if result.body:
+            _save_body(self.folder / "body.npz", result.body)
+        if result.normals:
+            save_normals(self.folder / "normals.npz", result.normals)
+        files = sorted(path for path in self.folder.iterdir() if path.is_file())
+        return {path.name: file_sha256(path) for path in files}
 
 
 def _save_body(path: Path, body: Body) -> None:

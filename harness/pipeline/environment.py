@@ -17,7 +17,8 @@ __all__ = ["SEALED_LOG", "checkout", "environment", "utc_now"]
 SEALED_LOG = "docs/sealed.md"
 """Where a checkout logs looks at sealed data; a new line in it changes no number."""
 
-_PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe")
+_PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe",
+             "onnxruntime")  # fmt: skip
 
 
 def utc_now() -> str:

@@ -1,31 +1,37 @@
 """``harness eval``: render what is missing, reconstruct, score, file records; resume by default.
 
 Every step runs in its own child process and every record is written whole, so that a run that is
-killed at any moment is continued by the same command. A failed subject is a record with its reason.
+killed at any moment is continued by the same command. A failed subject is a record with its reason,
+unless there is a good record and the failure is not the method's: then that record stays.
 
 Before: ``metrics/distance.py``. After: ``reports/latex.py``.
 """
 
 from __future__ import annotations
 
+import signal
 from collections import Counter
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from harness.core.artifacts import Capture, StageCost
+from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MissingPart
-from harness.core.records import MetricValue, Record
-from harness.core.workers import run_worker
+from harness.core.interrupts import in_threads
+from harness.core.records import Record
+from harness.core.workers import WorkerDied, run_worker
 from harness.pipeline.captures import PHOTOS, photograph
+from harness.pipeline.cell_result import CellResult
 from harness.pipeline.environment import environment, utc_now
-from harness.pipeline.plan import EvalRequest, plan, plan_cell, record_key, resolve_method
+from harness.pipeline.plan import Cell, EvalRequest, Evidence, plan, plan_cell, resolve_method
 from harness.pipeline.progress import Progress
 from harness.pipeline.sealed import Look, admit
+from harness.pipeline.store import Outcome
 
 __all__ = ["EvalSummary", "evaluate"]
 
 _CELLS = "reconstructions"
+#: How often a cell is planned again because photos, scan or code changed under it.
+_ATTEMPTS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +39,25 @@ class EvalSummary:
     """How a run ended.
 
     Attributes:
-        records: All records of the request, by subject and method.
-        cached: How many of them were there before.
+        outcomes: All cells of the request, by subject and method.
     """
 
-    records: tuple[Record, ...]
-    cached: int
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """All records of the request."""
+        return tuple(outcome.record for outcome in self.outcomes)
+
+    @property
+    def cached(self) -> int:
+        """How many records were there before, and are current."""
+        return sum(outcome.cached for outcome in self.outcomes)
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Number of records by status."""
-        return Counter(record.status for record in self.records)
+        """Number of cells by status; ``stale`` are good records that could not be made anew."""
+        return Counter(outcome.status for outcome in self.outcomes)
 
 
 def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
@@ -52,6 +66,7 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     Raises:
         HarnessError: the request itself is wrong (unknown names, no dataset, sealed subjects and no
             reason); what goes wrong with one subject is a record instead.
+        Interrupted: the run was stopped; cells that were not finished have no new record.
     """
     for method in request.methods:
         resolve_method(method, request.settings)
@@ -67,94 +82,127 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     waiting = {cell.subject for cell in cells if not cell.key}
     progress.expect(PHOTOS, len(waiting) * request.source.recipe.rig.views)
     progress.expect(_CELLS, len(cells))
-    with ThreadPoolExecutor(max_workers=max(1, request.jobs)) as pool:
-        outcomes = list(
-            pool.map(lambda subject: _subject(request, subject, progress), request.source.subjects)
-        )
-    return EvalSummary(
-        records=tuple(record for records, _ in outcomes for record in records),
-        cached=sum(cached for _, cached in outcomes),
+    outcomes = in_threads(
+        lambda subject: _subject(request, subject, progress), request.source.subjects, request.jobs
     )
+    return EvalSummary(tuple(outcome for found in outcomes for outcome in found))
 
 
-def _subject(request: EvalRequest, subject: str, progress: Progress) -> tuple[list[Record], int]:
+def _subject(request: EvalRequest, subject: str, progress: Progress) -> list[Outcome]:
     """All methods on one subject."""
-    capture: Capture | None = None
-    failure: HarnessError | None = None
-    try:
-        capture = photograph(request.source, subject, progress)
-    except HarnessError as error:
-        failure = error
-    photos = {
-        "key": capture.key if capture else "",
-        "warnings": list(capture.warnings) if capture else [],
-    }
-    for warning in photos["warnings"]:
-        progress.say(f"{subject}: {warning}")
-    records, cached = [], 0
+    evidence = _evidence(request, subject, progress)
+    if isinstance(evidence, Evidence):
+        for warning in evidence.capture.warnings:
+            progress.say(f"{subject}: {warning}")
+    outcomes = []
     for method in request.methods:
         with request.store.locked(method, subject):
             # Planned under the lock: another run may have filed the record meanwhile.
-            cell = plan_cell(request, method, subject, str(photos["key"]))
-            record = request.store.record(method, subject) if cell.state == "cached" else None
-            cached += record is not None
-            if record is None:
-                record = _run_cell(request, method, subject, photos, failure)
-                record.save(request.store.cell(method, subject) / "record.json")
-        if record.status != "ok":
-            progress.say(f"{method} on {subject} {record.status}: {record.reason}")
-        records.append(record)
+            outcome = _cell(request, method, subject, evidence, progress)
+        if outcome.status != "ok":
+            progress.say(outcome.told)
+        outcomes.append(outcome)
         progress.done(_CELLS)
-    return records, cached
+    return outcomes
 
 
-def _run_cell(
+def _evidence(request: EvalRequest, subject: str, progress: Progress) -> Evidence | HarnessError:
+    """Photos, made if need be, and scan; or why there are none."""
+    try:
+        capture = photograph(request.source, subject, progress, request.timeout_s)
+        return Evidence(capture, request.source.locate(subject))
+    except HarnessError as error:
+        return error
+
+
+def _cell(
     request: EvalRequest,
     method: str,
     subject: str,
-    capture: Mapping[str, object],
-    failure: HarnessError | None,
-) -> Record:
-    info = resolve_method(method, request.settings).info.to_dict()
-    cell = request.store.cell(method, subject)
-    result: Mapping[str, object] = {}
+    evidence: Evidence | HarnessError,
+    progress: Progress,
+) -> Outcome:
+    """One cell: its record as it is, or the outcome of reconstructing."""
+    result, cell = CellResult("failed"), Cell(method, subject, "", "run", "")
+    for _ in range(_ATTEMPTS):
+        if not isinstance(evidence, Evidence):
+            result = _failure(evidence, by_method=False)
+            return _filed(request, Cell(method, subject, "", "run", ""), result, None)
+        cell = plan_cell(request, method, subject, evidence)
+        record = request.store.record(method, subject) if cell.state == "cached" else None
+        if record is not None:
+            return Outcome(record, cached=True)
+        result = _carried_out(request, cell)
+        if result.status != "changed":
+            return _filed(request, cell, result, evidence.capture)
+        progress.say(f"{method} on {subject} is planned again: {result.reason}")
+        evidence = _evidence(request, subject, progress)
+    reason = f"after {_ATTEMPTS} attempts, {result.reason}"
+    return _filed(request, cell, CellResult("failed", reason, by_method=False), None)
+
+
+def _carried_out(request: EvalRequest, cell: Cell) -> CellResult:
+    """What a worker made of a planned cell."""
+    assert cell.inputs is not None
+    job = {
+        "source": request.source.to_job(),
+        "subject": cell.subject,
+        "method": cell.method,
+        "settings": dict(request.settings),
+        "protocol": request.protocol.name,
+        "seed": request.seed,
+        "key": cell.key,
+        "inputs": cell.inputs.to_dict(),
+        "folder": str(request.store.attempt(cell.method, cell.subject)),
+        "keep": request.keep,
+    }
+    log = request.store.cell(cell.method, cell.subject) / "log.txt"
     try:
-        if failure is not None:
-            raise failure
-        result = run_worker(
-            "harness.pipeline.cell_worker",
-            {
-                "source": request.source.to_job(),
-                "subject": subject,
-                "method": method,
-                "settings": dict(request.settings),
-                "protocol": request.protocol.name,
-                "seed": request.seed,
-                "cell": str(cell),
-                "keep": request.keep,
-            },
-            log=cell / "log.txt",
-        )
-        status, reason = "ok", ""
-    except MissingPart as error:
-        status, reason = "missing", str(error)
+        told = run_worker("harness.pipeline.cell_worker", job, log=log, timeout_s=request.timeout_s)
+    except WorkerDied as error:
+        # Memory may have run out because of others, and a person may have killed it.
+        return _failure(error, by_method=error.by_signal != signal.SIGKILL)
     except HarnessError as error:
-        status, reason = "failed", str(error)
+        return _failure(error, by_method=False)
+    return CellResult.from_dict(told)
+
+
+def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
+    status = "missing" if isinstance(error, MissingPart) else "failed"
+    return CellResult(status, str(error), by_method=by_method)
+
+
+def _filed(
+    request: EvalRequest, cell: Cell, result: CellResult, capture: Capture | None
+) -> Outcome:
+    record = _record(request, cell, result, capture)
+    return request.store.file(record, own_failure=result.by_method)
+
+
+def _record(
+    request: EvalRequest, cell: Cell, result: CellResult, capture: Capture | None
+) -> Record:
+    assert result.status != "changed"
     return Record(
-        key=record_key(info, str(capture["key"]), request.protocol, request.seed),
-        method=info,
+        key=cell.key,
+        method=resolve_method(cell.method, request.settings).info.to_dict(),
         dataset=request.source.name,
-        subject=subject,
+        subject=cell.subject,
         recipe=request.source.recipe.name,
         protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
-        capture={"key": capture["key"], "warnings": capture["warnings"]},
+        capture={
+            "key": capture.key if capture else "",
+            "warnings": list(capture.warnings) if capture else [],
+        },
         seed=request.seed,
-        status=status,  # type: ignore[arg-type]
-        reason=reason,
-        metrics={name: MetricValue(**value) for name, value in result.get("metrics", {}).items()},  # type: ignore[attr-defined]
-        stages=tuple(StageCost(**stage) for stage in result.get("stages", [])),  # type: ignore[attr-defined]
-        details=dict(result.get("details", {})),  # type: ignore[call-overload]
-        environment=environment(),
+        status=result.status,
+        reason=result.reason,
+        metrics=result.metrics,
+        stages=result.stages,
+        details=result.details,
+        environment=result.environment or environment(),
         created_utc=utc_now(),
         scale_rule=request.source.scale_rule,
+        inputs=cell.inputs.to_dict() if cell.inputs else {},
+        files=result.files,
     )

@@ -57,7 +57,7 @@ def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     from harness.pipeline.normal_files import load_normals
     from reports.normal_grid import NormalRow
 
-    views = load_normals(store.cell(record.method_name, record.subject) / "normals.npz")
+    views = load_normals(store.result(record, "normals.npz"))
     _, truth = source.load(record.subject)
     caster = SidedRaycaster(truth.geometry())
     shown: list[tuple[NormalMaps, Side]] = [(maps, "near") for maps in views]

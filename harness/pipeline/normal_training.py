@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ import numpy as np
 
 from harness.core.errors import HarnessError
 from harness.core.files import exclusive_lock, remove_leftovers
+from harness.core.interrupts import in_threads
 from harness.core.workers import run_worker
 from harness.pipeline.normal_samples import SampleSettings, samples_key
 from harness.pipeline.progress import Progress, counted
@@ -141,8 +141,7 @@ def ensure_samples(
                     return str(error)
         return ""
 
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
-        failures = dict(zip(waiting, pool.map(make, waiting), strict=True))
+    failures = dict(zip(waiting, in_threads(make, waiting, jobs), strict=True))
     for subject, failure in failures.items():
         if failure:
             progress.say(f"{subject} is left out: {failure}")

@@ -46,7 +46,7 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
         _, truth = source.load(subject)
         meshes = []
         for method, title in titles.items():
-            mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
+            mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
             errors = _vertex_errors_mm(mesh, truth)
             largest = max(largest, float(np.percentile(errors, _SCALE_PERCENTILE)))
             meshes.append(MethodMesh(title, mesh, errors))
@@ -62,7 +62,7 @@ def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Pa
 
     subject = source.subjects[0]
     method = next(iter(_complete_methods(records, (subject,))))
-    mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
+    mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
     overlay_figure(mesh, source.capture(subject), path)
     return path
 
@@ -81,9 +81,9 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     scan, _ = source.load(subject)
     rows, faces = [], None
     for method, title in _complete_methods(records, (subject,)).items():
-        file = store.cell(method, subject) / "body.npz"
-        if file.is_file():
-            with np.load(file, allow_pickle=False) as arrays:
+        record = _record(records, method, subject)
+        if "body.npz" in record.files:
+            with np.load(store.result(record, "body.npz"), allow_pickle=False) as arrays:
                 faces = arrays["faces"]
                 rows.append(MethodMesh(title, Mesh(arrays["vertices"], faces, source=title)))
     if faces is None:
@@ -145,8 +145,8 @@ def _failure_row(
         record = told.get((method, subject))
         failure = worst_region(record) if record else None
         found = None
-        if failure:
-            mesh = load_mesh(store.cell(method, subject) / "mesh.ply")
+        if record and failure:
+            mesh = load_mesh(store.result(record, "mesh.ply"))
             found = FailedMesh(mesh, _vertex_errors_mm(mesh, truth), failure)
         panels.append(FailurePanel(title, found))
     capture = source.capture(subject)
@@ -162,6 +162,13 @@ FIGURES = {
     "failures": failures,
     "normals": normals,
 }
+
+
+def _record(records: Sequence[Record], method: str, subject: str) -> Record:
+    """The record of a cell that is known to have one."""
+    return next(
+        record for record in records if (record.method_name, record.subject) == (method, subject)
+    )
 
 
 def _is_rival(record: Record) -> bool:

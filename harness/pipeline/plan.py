@@ -5,15 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from harness.core.artifacts import Capture, Scan
+from harness.core.differences import listed_differences
 from harness.core.errors import DataError, HarnessError
-from harness.core.hashing import content_hash
 from harness.core.protocols import Method
-from harness.core.records import Record
 from harness.core.settings import MetricProtocol
+from harness.pipeline.inputs import Inputs, evaluated
 from harness.pipeline.sources import Source
 from harness.pipeline.store import RunStore
 
-__all__ = ["Cell", "EvalRequest", "plan", "plan_cell", "record_key", "resolve_method"]
+__all__ = [
+    "Cell",
+    "EvalRequest",
+    "Evidence",
+    "method_module",
+    "plan",
+    "plan_cell",
+    "resolve_method",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +39,7 @@ class EvalRequest:
         settings: Settings of the methods that differ from their defaults, as text.
         keep: Whether intermediate results are kept beside the mesh.
         reason: Why sealed subjects are evaluated; asked for nowhere else.
+        timeout_s: How long photos of a subject, or a cell, may take; None is no limit.
     """
 
     source: Source
@@ -41,6 +51,7 @@ class EvalRequest:
     settings: Mapping[str, str] = field(default_factory=dict)
     keep: bool = False
     reason: str = ""
+    timeout_s: float | None = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +63,7 @@ class Cell:
         key: Content id of its inputs; empty while the photos are not there.
         state: ``cached`` or ``run``.
         why: Why it has to run, or what it will wait for.
+        inputs: What ``key`` is the content id of.
     """
 
     method: str
@@ -59,6 +71,11 @@ class Cell:
     key: str
     state: str
     why: str
+    inputs: Inputs | None = None
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain JSON values, without the inputs."""
+        return {name: getattr(self, name) for name in ("method", "subject", "key", "state", "why")}
 
 
 def resolve_method(name: str, settings: Mapping[str, str]) -> Method:
@@ -79,66 +96,87 @@ def resolve_method(name: str, settings: Mapping[str, str]) -> Method:
             )
         method = configured(settings)
     # What a method is made of is told on demand: asked now, not after photos have been made.
-    _ = method.info
+    if method.info.name != name:
+        raise HarnessError(
+            f"method '{name}' calls itself '{method.info.name}'",
+            hint="Register it under its own name",
+        )
     return method
 
 
-def record_key(
-    method: Mapping[str, object], capture_key: str, protocol: MetricProtocol, seed: int
-) -> str:
-    """Content id of all that a record's numbers depend on."""
-    return content_hash(
-        {"method": method, "capture": capture_key, "protocol": protocol.to_dict(), "seed": seed}
+def method_module(name: str) -> str:
+    """Dotted name of the module in which the catalogue has a method."""
+    from methods.catalog import METHODS
+
+    return METHODS.module(name)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What a subject's records are made from, as it lies on disk: its photos and its scan."""
+
+    capture: Capture
+    scan: Scan
+
+
+def plan_cell(request: EvalRequest, method: str, subject: str, evidence: Evidence) -> Cell:
+    """What has to be done for one cell, given photos and scan.
+
+    Raises:
+        HarnessError: as ``resolve_method``, or the method's source is not there.
+    """
+    info = resolve_method(method, request.settings).info
+    inputs = evaluated(
+        info,
+        method_module(method),
+        evidence.capture,
+        evidence.scan,
+        request.protocol,
+        request.seed,
     )
+    why = _why_not_cached(request, method, subject, inputs)
+    return Cell(method, subject, inputs.key, "run" if why else "cached", why, inputs)
 
 
-def plan_cell(request: EvalRequest, method: str, subject: str, capture_key: str) -> Cell:
-    """What has to be done for one cell, given the key of its photos."""
-    info = resolve_method(method, request.settings).info.to_dict()
-    key = record_key(info, capture_key, request.protocol, request.seed)
+def _why_not_cached(request: EvalRequest, method: str, subject: str, inputs: Inputs) -> str:
     try:
         found = request.store.record(method, subject)
     except DataError as error:
-        return Cell(method, subject, key, "run", f"its record is unreadable: {error.what}")
+        return f"its record is unreadable: {error.what}"
     if found is None:
-        return Cell(method, subject, key, "run", "no record yet")
-    if found.key != key:
-        changed = _changed(found, info, capture_key, request)
-        return Cell(method, subject, key, "run", f"changed: {', '.join(changed)}")
+        return "no record yet"
+    if not found.inputs:
+        return f"{found.status} before: {found.reason}" if found.reason else "record's form"
+    if found.key != inputs.key:
+        return f"changed: {listed_differences(found.inputs, inputs.to_dict())}"
     if found.status != "ok":
-        return Cell(method, subject, key, "run", f"{found.status} before: {found.reason}")
-    return Cell(method, subject, key, "cached", "")
-
-
-def _changed(
-    found: Record, info: Mapping[str, object], capture_key: str, request: EvalRequest
-) -> list[str]:
-    pairs = {
-        **{f"method {name}": (found.method.get(name), value) for name, value in info.items()},
-        "photos": (found.capture.get("key"), capture_key),
-        "protocol": (found.protocol.get("sha"), request.protocol.sha),
-        "seed": (found.seed, request.seed),
-    }
-    return [name for name, (before, now) in pairs.items() if before != now] or ["record's form"]
+        return f"{found.status} before: {found.reason}"
+    return ""
 
 
 def plan(request: EvalRequest) -> list[Cell]:
     """All cells of a request, by subject and then by method, without doing any work.
+
+    A subject whose scan cannot be read has cells, too: they say so.
 
     Raises:
         HarnessError: as ``resolve_method``.
     """
     for method in request.methods:
         resolve_method(method, request.settings)
-    cells = []
-    for subject in request.source.subjects:
-        state, why = request.source.capture_state(subject)
+    return [cell for subject in request.source.subjects for cell in _cells(request, subject)]
+
+
+def _cells(request: EvalRequest, subject: str) -> list[Cell]:
+    source = request.source
+    try:
+        state, why = source.capture_state(subject)
         if state == "cached":
-            key = request.source.capture_key(subject)
-            cells += [plan_cell(request, method, subject, key) for method in request.methods]
-        else:
-            cells += [
-                Cell(method, subject, "", "run", f"photos {state}: {why}")
-                for method in request.methods
-            ]
-    return cells
+            evidence = Evidence(
+                Capture.load(source.capture_directory(subject)), source.locate(subject)
+            )
+            return [plan_cell(request, method, subject, evidence) for method in request.methods]
+        waits_for = f"photos {state}: {why}"
+    except DataError as error:
+        waits_for = str(error)
+    return [Cell(method, subject, "", "run", waits_for) for method in request.methods]

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.core.errors import DataError, HarnessError, did_you_mean
-from harness.core.hashing import content_hash, file_sha256
+from harness.core.hashing import file_sha256
 from harness.core.mesh_files import MESH_SUFFIXES, load_mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
-from harness.core.records import Record
+from harness.core.records import MetricValue, Record, Status
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset, Manifest
 from harness.data.scans import load_scan
 from harness.pipeline.environment import environment, utc_now
+from harness.pipeline.inputs import Inputs, scored_elsewhere
 from harness.pipeline.progress import Progress
-from harness.pipeline.region_scoring import scored
-from harness.pipeline.store import RunStore
+from harness.pipeline.region_scoring import labelled_faces, scored
+from harness.pipeline.store import Outcome, RunStore
 
 if TYPE_CHECKING:
     from metrics.score import Score
@@ -72,7 +73,7 @@ def dataset_target(
     return resolved, dataset, manifest.root(resolved, workspace_root), chosen
 
 
-def score_folder(request: FolderRequest, progress: Progress) -> list[Record]:
+def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
     """One record per subject of the dataset; a subject without a mesh is ``missing``, not dropped.
 
     Raises:
@@ -100,16 +101,15 @@ def score_folder(request: FolderRequest, progress: Progress) -> list[Record]:
         )
     request.store.begin()
     progress.expect("meshes", len(subjects))
-    records = []
+    outcomes = []
     for subject, path in meshes.items():
         with request.store.locked(request.name, subject):
-            record = _score_subject(request, subject, path)
-            record.save(request.store.cell(request.name, subject) / "record.json")
-        if record.status != "ok":
-            progress.say(f"{subject} {record.status}: {record.reason}")
+            outcome = _score_subject(request, subject, path)
+        if outcome.status != "ok":
+            progress.say(outcome.told)
         progress.done("meshes")
-        records.append(record)
-    return records
+        outcomes.append(outcome)
+    return outcomes
 
 
 def _mesh_of(folder: Path, subject: str) -> Path | None:
@@ -124,42 +124,59 @@ def _mesh_of(folder: Path, subject: str) -> Path | None:
     return found[0] if found else None
 
 
-def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Record:
-    name, dataset, root, _ = request.dataset
-    made_elsewhere = (Privilege.MADE_ELSEWHERE,)
-    method = MethodInfo(request.name, request.title, privileges=made_elsewhere).to_dict()
-    metrics: Mapping[str, object] = {}
-    details: dict[str, object] = {}
-    identity: Mapping[str, object] = {}
-    status, reason = "ok", ""
-    try:
-        if path is None:
-            status, reason = "missing", f"no mesh of {subject} in {request.folder}"
-        else:
-            scan, truth = load_scan(name, dataset, root, subject)
-            identity = {"scan": scan.identity(), "mesh": file_sha256(path)}
-            predicted = load_mesh(path, seams=True)
-            outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
-            metrics = dict(outcome.metrics)
-    except HarnessError as error:
-        status, reason = "failed", str(error)
-    return Record(
-        key=content_hash(
-            {"method": method, "inputs": identity, "protocol": request.protocol.to_dict()}
-        ),
-        method=method,
-        dataset=name,
+@dataclass(frozen=True, slots=True)
+class _Scored:
+    """What became of one subject's mesh; ``by_mesh`` is False where the truth cannot be read."""
+
+    status: Status
+    reason: str = ""
+    by_mesh: bool = True
+    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
+    details: Mapping[str, object] = field(default_factory=dict[str, object])
+    inputs: Inputs | None = None
+
+
+def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Outcome:
+    """The subject's record, filed; an earlier good one stays where the truth cannot be read."""
+    method = MethodInfo(request.name, request.title, privileges=(Privilege.MADE_ELSEWHERE,))
+    found = _scored(request, method, subject, path)
+    record = Record(
+        key=found.inputs.key if found.inputs else "",
+        method=method.to_dict(),
+        dataset=request.dataset[0],
         subject=subject,
         # Made elsewhere: nobody here knows from which photos.
         recipe="",
         protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
         capture={"key": "", "warnings": []},
         seed=request.protocol.seed,
-        status=status,  # type: ignore[arg-type]
-        reason=reason,
-        metrics=metrics,  # type: ignore[arg-type]
-        details=details,
+        status=found.status,
+        reason=found.reason,
+        metrics=found.metrics,
+        details=found.details,
         environment=environment(),
         created_utc=utc_now(),
-        scale_rule=dataset.scale,
+        scale_rule=request.dataset[1].scale,
+        inputs=found.inputs.to_dict() if found.inputs else {},
     )
+    return request.store.file(record, own_failure=found.by_mesh)
+
+
+def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path | None) -> _Scored:
+    name, dataset, root, _ = request.dataset
+    if path is None:
+        return _Scored("missing", f"no mesh of {subject} in {request.folder}")
+    try:
+        scan, truth = load_scan(name, dataset, root, subject)
+        labelled_faces(scan, truth)
+    except HarnessError as error:
+        return _Scored("failed", str(error), by_mesh=False)
+    inputs = scored_elsewhere(method, file_sha256(path), scan, request.protocol)
+    try:
+        predicted = load_mesh(path, seams=True)
+        outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
+    except HarnessError as error:
+        return _Scored("failed", str(error), inputs=inputs)
+    if file_sha256(path) != inputs.mesh:
+        return _Scored("failed", f"{path} changed while it was scored")
+    return _Scored("ok", metrics=outcome.metrics, details=details, inputs=inputs)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.artifacts import Capture, Scan
+from harness.core.differences import listed_differences
 from harness.core.errors import DataError, HarnessError
 from harness.core.files import exclusive_lock, read_json, remove_leftovers
-from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.core.workers import Progress as Steps
@@ -126,18 +126,14 @@ class Source:
         """
         return Capture.load(self.capture_directory(subject)).from_front()
 
-    def capture_key(self, subject: str) -> str:
-        """Content id of everything that the subject's photos are made from.
+    def capture_state(self, subject: str) -> tuple[str, str]:
+        """``cached``, ``stale`` or ``missing``, and why, without rendering anything.
 
         Raises:
-            DataError: the scan is not there (a generated one may not have been made yet).
+            DataError: the scan is not there.
         """
-        from renderers.capture import capture_key
+        from renderers.capture import CaptureInputs
 
-        return capture_key(self.locate(subject), self.recipe)
-
-    def capture_state(self, subject: str) -> tuple[str, str]:
-        """``cached``, ``stale`` or ``missing``, and why, without rendering anything."""
         if self.is_generated and not self.avatar_is_current(subject):
             return "missing", "avatar has to be made"
         directory = self.capture_directory(subject)
@@ -147,12 +143,14 @@ class Source:
             found = Capture.load(directory)
         except DataError as error:
             return "stale", str(error)
-        if found.key != self.capture_key(subject):
-            return "stale", "scan, recipe or renderer changed"
-        for name, sha256 in found.provenance["images"].items():  # type: ignore[attr-defined]
-            if file_sha256(directory / name) != sha256:
-                return "stale", f"{directory / name} is damaged"
-        return "cached", ""
+        before: Mapping[str, object] = found.provenance.get("inputs", {})
+        # Photos of another device are as good, but not the same: theirs is part of their key.
+        device = str(before.get("device", ""))
+        now = CaptureInputs.of(self.locate(subject), self.recipe, device)
+        if found.key != now.key:
+            return "stale", f"changed: {listed_differences(before, now.to_dict())}"
+        damage = found.damage()
+        return ("stale", damage) if damage else ("cached", "")
 
     def ensure_capture(self, subject: str, steps: Steps) -> Capture:
         """The subject's photos, rendered now if they are not there or stale.

@@ -21,6 +21,7 @@ from harness.core.files import atomic_path, exclusive_lock, read_json, write_jso
 from harness.core.hashing import file_sha256
 from harness.core.protocols import Part
 from methods.normals.onnx_estimator import OnnxNormals
+from methods.normals.onnx_files import network_stamp
 
 __all__ = [
     "OPEN_NETWORK",
@@ -233,7 +234,7 @@ def loaded(path: Path) -> OnnxNormals:
             f"no network at {path}",
             hint="Set normals_model to an ONNX file or a name of 'harness weights list'",
         )
-    return _loaded(path, *_stamp(path))
+    return _loaded(path, network_stamp(path))
 
 
 def _examined(path: Path, name: str, place: Place) -> Network:
@@ -249,7 +250,8 @@ def _examined(path: Path, name: str, place: Place) -> Network:
     return Network(
         name=name,
         path=place.folder / f"{name}.onnx",
-        sha256=estimator.part.sha256,
+        # Of this file alone: one that needs others beside it is refused when it is copied.
+        sha256=file_sha256(path),
         licence=estimator.part.licence,
         training_set=estimator.training_set,
         bytes=path.stat().st_size,
@@ -335,5 +337,5 @@ def _sum(path: Path, _changed_ns: int, _size: int) -> str:
 
 
 @functools.lru_cache(maxsize=1)
-def _loaded(path: Path, _changed_ns: int, _size: int) -> OnnxNormals:
+def _loaded(path: Path, _stamps: tuple[tuple[int, int], ...]) -> OnnxNormals:
     return OnnxNormals(path)

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.errors import DataError, MethodError, MissingPart
-from harness.core.hashing import file_sha256
 from harness.core.protocols import Part
 from harness.geometry.images import unit_normals
+from methods.normals.onnx_files import network_sha256
 from methods.normals.window import Window, mask_window, whole_window
 
 __all__ = ["OnnxNormals"]
@@ -68,7 +68,7 @@ class OnnxNormals:
         self._background = _background(path, about)
         self._around_mask = _around_mask(path, about)
         self.training_set: str = about.get("training_set", "")
-        self.part = Part("normal estimator", about["name"], about["licence"], file_sha256(path))
+        self.part = Part("normal estimator", about["name"], about["licence"], network_sha256(path))
 
     def __call__(
         self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats

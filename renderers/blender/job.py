@@ -18,29 +18,17 @@ from renderers.protocol import Progress, RenderOutcome, texture_of
 
 __all__ = ["BlenderRenderer"]
 
-_VERSION = 1
 _WORKER = "renderers.blender.worker"
 
 
 class BlenderRenderer:
     """Path-traces with Blender's Cycles, on a GPU where there is one."""
 
-    @property
-    def version(self) -> str:
-        """Ours and Blender's; read from the installed package, without importing it."""
-        try:
-            return f"{_VERSION} (bpy {importlib.metadata.version('bpy')})"
-        except importlib.metadata.PackageNotFoundError as error:
-            raise MissingPart(
-                "Blender is not installed",
-                expected="the package bpy",
-                hint="Install bpy (it needs Python 3.11), or use a recipe with 'renderer: raycast'",
-            ) from error
-
     def render(
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
+        _require_blender()
         texture = texture_of(mesh)
         assert mesh.uv is not None
         assert mesh.face_uv is not None
@@ -70,3 +58,15 @@ class BlenderRenderer:
                 size = (scene.width, scene.height)
                 save_png(directory / view.file, load_rgba(Path(folder, view.file), size))
         return RenderOutcome(device=str(answer["device"]))
+
+
+def _require_blender() -> None:
+    """Look for the installed package without importing it."""
+    try:
+        importlib.metadata.version("bpy")
+    except importlib.metadata.PackageNotFoundError as error:
+        raise MissingPart(
+            "Blender is not installed",
+            expected="the package bpy",
+            hint="Install bpy (it needs Python 3.11), or use a recipe with 'renderer: raycast'",
+        ) from error

@@ -58,10 +58,11 @@ def test_a_second_run_does_nothing_and_a_change_says_why(world, eval_toy):
     assert (world / "runs/main/gt/t1/record.json").stat().st_mtime_ns == stamp
 
     dry = eval_toy("gt", "--subjects", "t1", "--protocol", "exact", "--seed", "1", "--dry-run")
-    assert "run     changed: protocol, seed" in dry.stdout
+    assert "run     changed: protocol name mexecon -> exact" in dry.stdout
+    assert "seed 0 -> 1" in dry.stdout
     manifest = world / "data_manifest.yaml"
     manifest.write_text(manifest.read_text().replace("width: 108", "width: 100"))
-    assert "photos stale: scan, recipe or renderer changed" in eval_toy("gt", "--dry-run").stdout
+    assert "photos stale: changed: recipe width 108 -> 100" in eval_toy("gt", "--dry-run").stdout
 
 
 def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harness):

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,8 @@ import pytest
 
 from harness.core import errors
 from harness.core.errors import HarnessError, MethodError
-from harness.core.workers import run_worker
+from harness.core.interrupts import Interrupted, in_threads, stopped_by_signals
+from harness.core.workers import WorkerDied, run_worker
 
 #: A worker that does what its job says.
 SAMPLE = """
@@ -30,7 +32,7 @@ class OwnError(DataError):
 def handle(job, progress):
     kind = job["kind"]
     if kind == "echo":
-        return {"job": job, "pid": os.getpid(), "path": sys.path}
+        return {"job": job, "pid": os.getpid(), "path": sys.path, "group": os.getpgrp()}
     if kind == "progress":
         for done in range(1, 4):
             progress(done, 3)
@@ -50,6 +52,8 @@ def handle(job, progress):
     if kind == "signal":
         print("before", flush=True)
         os.kill(os.getpid(), signal.SIGSEGV)
+    if kind == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
     if kind == "crash on the way out":
         import atexit
         atexit.register(os.abort)
@@ -148,6 +152,48 @@ def test_a_crash_gives_the_exit_status_and_the_logs_tail(tmp_path: Path) -> None
 def test_a_death_by_signal_names_the_signal() -> None:
     with pytest.raises(MethodError, match="signal SIGSEGV and no result(.|\n)*before"):
         run("signal")
+
+
+def test_a_kill_says_that_memory_may_have_run_out() -> None:
+    with pytest.raises(WorkerDied, match="SIGKILL .*when memory runs out.* and no result") as died:
+        run("killed")
+    assert died.value.by_signal is signal.SIGKILL
+
+
+def test_a_hang_ends_after_the_time_limit(tmp_path: Path) -> None:
+    log = tmp_path / "log.txt"
+    begin = time.monotonic()
+    with pytest.raises(WorkerDied, match="no result after 2 seconds and was stopped") as died:
+        run("sleep", log=log, timeout_s=2.0)
+
+    assert time.monotonic() - begin < 20
+    assert "--timeout" in str(died.value)
+    assert died.value.by_signal is None
+    assert not alive(int(log.read_text().split()[1]))
+
+
+def test_a_worker_in_time_is_not_stopped() -> None:
+    assert run("echo", timeout_s=60.0)["job"]["kind"] == "echo"
+
+
+def test_a_signal_to_the_run_ends_its_workers_and_begins_no_other(tmp_path: Path) -> None:
+    log = tmp_path / "log.txt"
+
+    def interrupt() -> None:
+        wait_until(lambda: log.is_file() and log.read_text().endswith("\n"))
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    with stopped_by_signals():
+        with pytest.raises(Interrupted):
+            in_threads(lambda kind: run(kind, log=log), ["sleep"], jobs=1)
+        with pytest.raises(Interrupted):
+            run("echo")
+    assert not alive(int(log.read_text().split()[1]))
+
+
+def test_ctrl_c_in_the_terminal_does_not_reach_a_worker() -> None:
+    assert run("echo")["group"] != os.getpgrp()
 
 
 def test_a_result_counts_even_if_the_worker_dies_on_its_way_out() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,13 +13,8 @@ from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.rigs import RingRig
-from harness.pipeline.cell_worker import _privileged
+from harness.pipeline.cell import lent_to
 from harness.pipeline.oracle_normals import OracleNormals
-
-
-@dataclass
-class Asking:
-    info: MethodInfo
 
 
 def plate() -> Mesh:
@@ -65,7 +59,7 @@ def test_only_those_who_declare_it_get_it(cameras):
 
     def lent(*privileges: str, views: tuple[int, ...] | None = None):
         info = MethodInfo("m", "M", views=views, privileges=tuple(map(Privilege, privileges)))
-        return _privileged(Asking(info), capture, plate())  # type: ignore[arg-type]
+        return lent_to(info, capture, plate())  # type: ignore[arg-type]
 
     assert lent("known_cameras") == {}
     assert set(lent("oracle_normals", "ground_truth_mesh")) == {

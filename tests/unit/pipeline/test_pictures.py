@@ -1,6 +1,9 @@
 """Which records, subjects and methods a figure of a run shows."""
 
+import functools
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +11,7 @@ import pytest
 
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError, HarnessError
+from harness.core.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.records import Record
@@ -17,6 +21,13 @@ from harness.pipeline.store import RunStore
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], float)
 MESH = Mesh(CORNERS, np.array([[0, 1, 2], [1, 3, 2]]))
 SUBJECTS = tuple("abcdef")
+
+
+@functools.cache
+def mesh_sha256():
+    with tempfile.TemporaryDirectory() as folder:
+        save_mesh(Path(folder, "mesh.ply"), MESH)
+        return file_sha256(Path(folder, "mesh.ply"))
 
 
 def errors(completeness):
@@ -36,6 +47,7 @@ def record(method, subject, worst=None, privileges=(), status="ok"):
         seed=0,
         status=status,
         details={"regions": {"left": errors(worst), "right": errors(2.0)}} if worst else {},
+        files={"mesh.ply": mesh_sha256()} if status == "ok" else {},
     )
 
 
@@ -52,10 +64,12 @@ def run(tmp_path, monkeypatch):
     )
     store = RunStore(tmp_path / "run")
 
-    def draw(records, subjects=SUBJECTS, scan=scan, scale_rule="metres"):
+    def draw(records, subjects=SUBJECTS, scan=scan, scale_rule="metres", spoilt=None):
         for one in records:
             if one.status == "ok":
                 save_mesh(store.cell(one.method_name, one.subject) / "mesh.ply", MESH)
+        if spoilt:
+            save_mesh(store.cell(*spoilt) / "mesh.ply", replace(MESH, vertices=2 * CORNERS))
         source = SimpleNamespace(
             subjects=subjects, load=lambda _: (scan, MESH), capture=str, scale_rule=scale_rule
         )
@@ -110,3 +124,15 @@ def test_records_without_regions_are_refused_with_the_next_step(run):
 def test_labels_that_are_gone_are_not_overlooked(run):
     with pytest.raises(DataError, match="no labels any more"):
         run([record("m", "a", 10.0)], scan=replace(run.scan, labels_path=None))
+
+
+def test_a_mesh_that_is_not_the_records_is_refused(run):
+    records = [record("m", "a", 10.0), record("m", "b", 9.0)]
+    with pytest.raises(DataError, match=r"m/b/mesh\.ply is not what its record measured") as caught:
+        run(records, spoilt=("m", "b"))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_record_that_does_not_tell_its_mesh_is_refused(run):
+    with pytest.raises(DataError, match="the record of m on a has no mesh.ply.*Evaluate again"):
+        run([replace(record("m", "a", 10.0), files={})])

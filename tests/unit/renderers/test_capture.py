@@ -12,7 +12,7 @@ from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
 from harness.core.frames import read_transforms_json
 from harness.geometry.images import load_rgba
-from renderers.capture import capture, capture_key
+from renderers.capture import CaptureInputs, capture
 
 
 def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
@@ -22,7 +22,7 @@ def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
     assert told == [(1, 3), (2, 3), (3, 3)]
     found = Capture.load(directory)
     assert found.to_dict() == json.loads(json.dumps(made.to_dict()))
-    assert found.key == capture_key(scan, recipe)
+    assert found.key == CaptureInputs.of(scan, recipe, "CPU").key
     assert found.warnings == ("unusually small",)
     assert sorted(file.name for file in directory.iterdir()) == [
         "capture.json",
@@ -30,9 +30,12 @@ def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
         "transforms.json",
     ]
     provenance = found.provenance
-    assert provenance["recipe_sha"] == recipe.sha
-    assert provenance["scan"] == scan.identity()
-    assert provenance["renderer"]["name"] == "raycast"
+    assert provenance["inputs"]["scan"] == scan.identity()
+    assert provenance["inputs"]["recipe"]["renderer"] == "raycast"
+    assert provenance["inputs"]["device"] == "CPU"
+    assert "renderers.raycast" in provenance["inputs"]["code"]
+    assert provenance["device"] == "CPU"
+    assert found.damage() == ""
     assert len(provenance["proof"]) == 3
     assert provenance["timings"]["render_s"] > 0
     cameras, images = read_transforms_json(directory / "transforms.json")
@@ -41,19 +44,43 @@ def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
         assert np.allclose(one.world_to_camera, other.world_to_camera)
 
 
-def test_the_key_changes_with_all_that_makes_the_pictures(recipe, scan, monkeypatch):
-    keys = {
-        capture_key(scan, recipe),
-        capture_key(scan, replace(recipe, samples=17)),
-        capture_key(scan, replace(recipe, rig=replace(recipe.rig, pitch_deg=1.0))),
-        capture_key(scan, replace(recipe, renderer="blender")),
-        capture_key(replace(scan, sha256={"t1.obj": "1" * 64}), recipe),
-    }
-    monkeypatch.setattr(renderers.raycast, "_VERSION", 999)
-    keys.add(capture_key(scan, recipe))
-    assert len(keys) == 6
-    # Where a scan lies does not matter.
-    assert capture_key(replace(scan, mesh_path=scan.mesh_path / "x"), recipe) in keys
+def test_the_key_changes_with_all_that_makes_the_pictures(recipe, scan):
+    now = CaptureInputs.of(scan, recipe, "CPU")
+    other = [
+        CaptureInputs.of(scan, replace(recipe, samples=17), "CPU"),
+        CaptureInputs.of(scan, replace(recipe, rig=replace(recipe.rig, pitch_deg=1.0)), "CPU"),
+        CaptureInputs.of(scan, replace(recipe, renderer="blender"), "CPU"),
+        CaptureInputs.of(replace(scan, sha256={"t1.obj": "1" * 64}), recipe, "CPU"),
+        CaptureInputs.of(replace(scan, reader={"code": {"reader": "1"}}), recipe, "CPU"),
+        CaptureInputs.of(scan, recipe, "OPTIX"),
+        replace(now, code={**now.code, "renderers.raycast": "0"}),
+        replace(now, packages={**now.packages, "open3d": "0.0"}),
+    ]
+    assert len({inputs.key for inputs in [now, *other]}) == 9
+    # Where a scan lies, and its true body, do not matter.
+    elsewhere = replace(scan, mesh_path=scan.mesh_path / "x", truth_sha256={"body.npz": "1"})
+    assert CaptureInputs.of(elsewhere, recipe, "CPU").key == now.key
+
+
+def test_only_the_renderer_in_use_is_counted(recipe, scan):
+    raycast = CaptureInputs.of(scan, recipe, "CPU")
+    blender = CaptureInputs.of(scan, replace(recipe, renderer="blender"), "CPU")
+    assert "renderers.blender.job" not in raycast.code
+    assert "bpy" not in raycast.packages
+    # The worker is named by a string alone.
+    assert {"renderers.blender.job", "renderers.blender.worker"} < set(blender.code)
+    assert {"bpy", "numpy"} <= set(blender.packages)
+    assert "renderers.raycast" not in blender.code
+    assert "renderers.proof" not in blender.code, "it looks at pictures and makes none"
+
+
+def test_a_damaged_picture_is_named(figure, recipe, scan, tmp_path):
+    made = capture(scan, figure, recipe, tmp_path / "c")
+    made.image_path(1).write_bytes(b"")
+    assert "01.png is damaged" in made.damage()
+    made.image_path(1).unlink()
+    assert "01.png is damaged" in made.damage()
+    assert "hashes" in replace(made, provenance={}).damage()
 
 
 def test_a_render_that_fails_its_proof_leaves_nothing(figure, recipe, scan, tmp_path, monkeypatch):

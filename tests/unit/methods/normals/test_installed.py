@@ -88,6 +88,28 @@ def test_what_is_shipped_says_what_it_was_trained_on(own, tmp_path, save_network
         installed.import_file(path, "open-normals", installed.shipped_place())
 
 
+def test_weights_beside_a_file_of_ones_own_are_in_its_sum(tmp_path, save_network):
+    onnx = pytest.importorskip("onnx")
+    plain = save_network(tmp_path / "n.onnx")
+    assert installed.loaded(plain).part.sha256 == file_sha256(plain)
+    model = onnx.load(plain)
+    rows = np.zeros((1, 3, 1, 1), np.float32)
+    model.graph.initializer.append(onnx.numpy_helper.from_array(rows, "offset"))
+    model.graph.node[0].op_type = "Add"
+    model.graph.node[0].input.append("offset")
+    path = tmp_path / "split.onnx"
+    onnx.save(model, path, save_as_external_data=True, location="split.data", size_threshold=0)
+    before = installed.loaded(path).part.sha256
+    unchanged = file_sha256(path)
+    assert before != unchanged
+    (tmp_path / "split.data").write_bytes(rows.tobytes()[:-4] + np.float32(1).tobytes())
+    assert installed.loaded(path).part.sha256 != before
+    assert file_sha256(path) == unchanged, "the file itself tells nothing of it"
+    (tmp_path / "split.data").unlink()
+    with pytest.raises(DataError, match="not whole.*split.data"):
+        installed.loaded(path)
+
+
 def test_weights_beside_the_file_are_refused(own, tmp_path, save_network):
     onnx = pytest.importorskip("onnx")
     model = onnx.load(save_network(tmp_path / "n.onnx"))
