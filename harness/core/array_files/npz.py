@@ -32,7 +32,7 @@ _ENCRYPTED = 1
 _HEADER = re.compile(
     r"\s*\{\s*'descr'\s*:\s*'(?P<kind>[<>=|]?(?:b1|[iu][1248]|f[248]))'\s*,"
     r"\s*'fortran_order'\s*:\s*(?P<fortran>True|False)\s*,"
-    r"\s*'shape'\s*:\s*\((?P<shape>[\dL,\s]*)\)\s*,?\s*\}\s*"
+    r"\s*'shape'\s*:\s*\((?P<shape>[\dL,\s]{0,200})\)\s*,?\s*\}\s*"
 )
 
 
