@@ -12,12 +12,15 @@ from reports.tables import Cell, Column, Row, Table
 
 __all__ = ["to_csv", "to_json"]
 
+#: Text that begins so is calculated by spreadsheets. Numbers are no text and stay what they are.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+
 
 def to_csv(table: Table) -> str:
     """One line per method and stage with unrounded numbers; empty where there is no number.
 
     Every line repeats dataset, recipe and protocol, so that lines of two files put together still
-    say what they are. Published numbers have ``published`` in their first column.
+    say what they are; text that begins like a formula has an apostrophe before it. Published numbers have ``published`` in their first column.
     """
     stream = io.StringIO()
     names = [
@@ -35,13 +38,22 @@ def to_csv(table: Table) -> str:
     for row in table.rows:
         line = {"block": "measured", **common, "method": row.method, "title": row.title}
         count = {"n": row.n, "of": row.of, "notes": "; ".join(row.notes)}
-        writer.writerow({**line, **count, **_csv_numbers(table, row.cells)})
+        writer.writerow(_harmless({**line, **count, **_csv_numbers(table, row.cells)}))
         for stage in row.stages:
-            writer.writerow({**line, "stage": stage.name, **_csv_numbers(table, stage.cells)})
+            numbers = _csv_numbers(table, stage.cells)
+            writer.writerow(_harmless({**line, "stage": stage.name, **numbers}))
     for printed in table.published.rows if table.published else ():
         line = {"block": "published", "table": table.name, "title": printed.title}
-        writer.writerow({**line, **_csv_published(table, printed.cells)})
+        writer.writerow(_harmless({**line, **_csv_published(table, printed.cells)}))
     return stream.getvalue()
+
+
+def _harmless(line: Mapping[str, object]) -> dict[str, object]:
+    """The line, with text that a spreadsheet would take for a formula marked as text."""
+    return {
+        name: f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+        for name, value in line.items()
+    }
 
 
 def _keys(column: Column) -> tuple[str, ...]:

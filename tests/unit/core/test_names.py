@@ -15,8 +15,8 @@ from harness.pipeline.store import RunStore
 from harness.pipeline.workspace import Workspace
 
 BAD = [
-    "", ".", "..", "../../victim", "a/b", "/etc", "a\\b", ".hidden", "-rf", "+1", "a..b", "a b", "a\n",
-    "a\0", "ü", "=1+1", "a" * 65, "~", "$HOME", "a*", "a:b",
+    "", ".", "..", "../../victim", "a/b", "/etc", "a\\b", ".hidden", "-rf", "+1", "a..b", "a b",
+    "a\n", "a\0", "ü", "=1+1", "a" * 65, "~", "$HOME", "a*", "a:b",
 ]  # fmt: skip
 
 
