@@ -20,7 +20,8 @@ def to_csv(table: Table) -> str:
     """One line per method and stage with unrounded numbers; empty where there is no number.
 
     Every line repeats dataset, recipe and protocol, so that lines of two files put together still
-    say what they are; text that begins like a formula has an apostrophe before it. Published numbers have ``published`` in their first column.
+    say what they are. Published numbers have ``published`` in their first column. Text that begins
+    like a formula has an apostrophe before it.
     """
     stream = io.StringIO()
     names = [
@@ -51,9 +52,14 @@ def to_csv(table: Table) -> str:
 def _harmless(line: Mapping[str, object]) -> dict[str, object]:
     """The line, with text that a spreadsheet would take for a formula marked as text."""
     return {
-        name: f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+        name: _plain_text(value) if isinstance(value, str) else value
         for name, value in line.items()
     }
+
+
+def _plain_text(text: str) -> str:
+    # The writer does not quote carriage returns, which would begin another line.
+    return ("'" if text.startswith(_FORMULA) else "") + text.replace("\r", " ")
 
 
 def _keys(column: Column) -> tuple[str, ...]:
