@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.array_files.npz import read_array_npz
 from harness.core.artifacts import Body, Capture, Scan
 from harness.core.camera import Camera
 from harness.core.errors import DataError
@@ -54,10 +54,10 @@ class TrueBody:
         if scan.body_path is None:
             return None
         try:
-            with np.load(scan.body_path, allow_pickle=False) as file:
-                vertices, joints = file["vertices"], file["joints"]
-                names = tuple(str(name) for name in file["joint_names"])
-        except (KeyError, ValueError, OSError, BadZipFile) as error:
+            file = read_array_npz(scan.body_path, ("vertices", "joints", "joint_names"))
+            vertices, joints = file["vertices"], file["joints"]
+            names = tuple(str(name) for name in file["joint_names"])
+        except (DataError, KeyError, ValueError) as error:
             raise DataError(f"{scan.body_path} is no true body", got=repr(error)) from error
         turn, shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
         return cls(vertices @ turn.T + shift, joints @ turn.T + shift, names)

@@ -1,4 +1,4 @@
-"""Numeric arrays out of an NPZ file: headers are checked before any room is made for contents."""
+"""Arrays out of an NPZ file: headers are checked before any room is made for contents."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _END_OF_LARGE, _END_OF_LARGE_SIZE = b"PK\x06\x07", 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 1
 _HEADER = re.compile(
-    r"\s*\{\s*'descr'\s*:\s*'(?P<kind>[<>=|]?(?:b1|[iu][1248]|f[248]))'\s*,"
+    r"\s*\{\s*'descr'\s*:\s*'(?P<kind>[<>=|]?(?:b1|[iu][1248]|f[248]|U\d{1,3}))'\s*,"
     r"\s*'fortran_order'\s*:\s*(?P<fortran>True|False)\s*,"
     r"\s*'shape'\s*:\s*\((?P<shape>[\dL,\s]{0,200})\)\s*,?\s*\}\s*"
 )
@@ -48,7 +48,7 @@ class _Layout:
 
 
 def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Some arrays of an NPZ file, by name, read-only and of their own dtype.
+    """Some arrays of numbers or short text in an NPZ file, by name, read-only, of their own dtype.
 
     Memory stays below 16 times the file's size and 64 MiB, and never exceeds
     ``MOST_NPZ_BYTES`` by more than a few MiB.
@@ -58,8 +58,9 @@ def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any
         wanted: Arrays to return if they are there; everything else in the file is passed over.
 
     Raises:
-        DataError: no such file, not an NPZ, damaged or encrypted, or a wanted array that is no
-            plain numbers, differs from its header, or is larger than such a file can hold.
+        DataError: no such file, not an NPZ, damaged or encrypted, or a wanted array of
+            objects or records, that differs from its header, or that is larger than such a file can
+            hold.
     """
     try:
         with path.open("rb") as stream:
@@ -75,7 +76,7 @@ def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any
     ) as error:  # fmt: skip
         raise DataError(
             f"{path} was refused",
-            expected="an NPZ file of numeric arrays",
+            expected="an NPZ file of numbers and short text",
             got=str(error) or type(error).__name__,
             hint="Get it again from where it is published",
         ) from error
@@ -132,7 +133,7 @@ def _layout(stream: IO[bytes], name: str) -> tuple[_Layout, int]:
         raise ValueError(f"'{name}' has a header of {length} bytes")
     found = _HEADER.fullmatch(stream.read(length).decode("latin1"))
     if found is None:
-        raise ValueError(f"'{name}' holds something else than plain numbers")
+        raise ValueError(f"'{name}' holds something else than numbers or short text")
     sizes = [word.strip().removesuffix("L") for word in found["shape"].split(",")]
     shape = tuple(int(word) for word in sizes if word)
     if len(shape) > _MOST_DIMENSIONS:

@@ -41,6 +41,12 @@ def test_every_numeric_array_is_as_numpy_reads_it(tmp_path_factory, array, compr
     np.testing.assert_array_equal(found["a"], array)
 
 
+def test_short_text_is_read(tmp_path):
+    names = np.array(["pelvis", "knie\N{WHITE SMILING FACE}"])
+    np.savez(tmp_path / "a.npz", names=names)
+    assert read_array_npz(tmp_path / "a.npz", ["names"])["names"].tolist() == names.tolist()
+
+
 def test_headers_of_python_2_are_read(tmp_path):
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 1L), }          \n"
     content = (
@@ -68,5 +74,5 @@ def test_what_is_not_there_is_told(tmp_path):
 
 def test_a_wanted_array_of_objects_is_refused(tmp_path):
     np.savez(tmp_path / "a.npz", a=np.array({}, dtype=object))
-    with pytest.raises(DataError, match=r"'a.npy' holds something else than plain numbers"):
+    with pytest.raises(DataError, match=r"'a.npy' holds something else than numbers"):
         read_array_npz(tmp_path / "a.npz", ["a"])
