@@ -13,16 +13,19 @@ __all__ = ["Lines", "read_yaml"]
 #: The line of every key, by its path of keys.
 Lines = dict[tuple[str, ...], int]
 
-_MOST_BYTES = 4 * 2**20
+_MOST_BYTES = 2**20
 _MOST_DEPTH = 20
+#: Some numbers, such as those in sixties, take time that grows with their length squared.
+_MOST_LETTERS = 4096
 
 
 def read_yaml(path: Path) -> tuple[Lines, object]:
     """The line of every key, and the file's plain content.
 
     Raises:
-        DataError: no such file, larger than 4 MiB, not YAML in UTF-8, a key that stands twice,
-            nesting deeper than 20, or an alias: aliases of aliases grow without end.
+        DataError: no such file, larger than 1 MiB, not YAML in UTF-8, a key that stands twice,
+            nesting deeper than 20, a value of more than 4096 letters, or an alias: aliases of
+            aliases grow without end.
     """
     text = _text(path)
     try:
@@ -64,6 +67,11 @@ def _check_events(path: Path, text: str) -> None:
                 f"{path}, line {line}: '*{event.anchor}' is an alias",
                 expected="every value written out",
                 hint="Write the value itself in its place",
+            )
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _MOST_LETTERS:
+            raise DataError(
+                f"{path}, line {line}: a value of {len(event.value)} letters",
+                expected=f"at most {_MOST_LETTERS}",
             )
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
