@@ -55,7 +55,7 @@ def test_an_iteration_of_eight_views_is_fast(body, benchmark):
 
 
 def test_time_grows_no_faster_than_linearly_with_views(body, in_turns):
-    """MEASURED"""
+    """Eight times the views; measured in turns on two busy cores: 3.1 and 3.2 times the time."""
     torch.set_num_threads(1)
     weights = Weights(iterations=3)
 
@@ -64,7 +64,6 @@ def test_time_grows_no_faster_than_linearly_with_views(body, in_turns):
         return lambda: optimise(body, views, neutral(body), weights, seed=0)
 
     turns = in_turns({"few": fit(2), "many": fit(16)})
-    print("BODY", turns.ratio("many", "few"), turns.seconds)
     assert turns.ratio("many", "few") < 8 * 1.3, turns.seconds
 
 

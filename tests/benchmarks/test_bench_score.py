@@ -113,13 +113,16 @@ def our_way(predicted: Path, truth: Path) -> dict[str, float]:
 
 @pytest.mark.slow
 def test_scoring_half_a_million_faces_is_faster_than_the_plain_way(benchmark, in_turns, pair):
-    """MEASURED"""
+    """At least 2.5 times as fast.
+
+    Measured in turns on two cores that other work kept busy: 2.90 times (3.5 s against 10.2 s) and
+    2.77 times; 2.95 beside one other job.
+    """
     turns = in_turns({"plain": lambda: plain_way(*pair), "ours": lambda: our_way(*pair)})
     benchmark.extra_info["plain_s"] = turns.least_s("plain")
     benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
     benchmark.pedantic(our_way, args=pair, rounds=2)
     assert turns.results["ours"] == pytest.approx(turns.results["plain"], rel=0.02)
-    print("SCORE", turns.ratio("plain", "ours"), turns.seconds)
     assert turns.ratio("plain", "ours") >= LEAST_SPEEDUP, turns.seconds
 
 

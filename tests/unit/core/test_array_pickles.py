@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from harness.core.array_files.pickles import read_array_pickle
+from harness.core.array_files.pickles import MOST_PICKLE_BYTES, read_array_pickle
 from harness.core.errors import DataError
 
 
@@ -148,3 +148,11 @@ def test_other_defects_are_explained(tmp_path):
         read_array_pickle(write(tmp_path / "list.pkl", [1, 2]))
     with pytest.raises(DataError, match=r"'name' in .* is not numeric"):
         read_array_pickle(write(tmp_path / "text.pkl", {"name": "x"}))
+
+
+def test_files_beyond_the_stated_size_are_refused_unread(tmp_path):
+    path = tmp_path / "huge.pkl"
+    with path.open("wb") as stream:
+        stream.truncate(MOST_PICKLE_BYTES + 1)
+    with pytest.raises(DataError, match="larger than any pickle of arrays"):
+        read_array_pickle(path)
