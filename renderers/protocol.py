@@ -10,6 +10,7 @@ from typing import Protocol
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
+from harness.geometry.images import check_picture
 
 __all__ = ["Progress", "RenderOutcome", "Renderer", "silent", "texture_of"]
 
@@ -68,7 +69,7 @@ def texture_of(mesh: Mesh) -> Path:
     """The image file of a mesh's texture.
 
     Raises:
-        DataError: the mesh has none, or the file is not there.
+        DataError: the mesh has none, the file is not there, or it is no picture of a possible size.
     """
     if mesh.texture is None or mesh.uv is None:
         raise DataError(
@@ -77,4 +78,5 @@ def texture_of(mesh: Mesh) -> Path:
         )
     if not mesh.texture.is_file():
         raise DataError(f"the texture of {mesh.source} is missing", expected=str(mesh.texture))
+    check_picture(mesh.texture)
     return mesh.texture

@@ -12,13 +12,17 @@ from reports.tables import Cell, Column, Row, Table
 
 __all__ = ["to_csv", "to_json"]
 
+#: Text that begins so is calculated by spreadsheets. Numbers are no text and stay what they are.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+
 
 def to_csv(table: Table) -> str:
     """One line per method and stage with unrounded numbers; empty where there is no number.
 
     Every line repeats dataset, recipe and protocol, so that lines of two files put together still
     say what they are. Printed numbers have ``published`` in their first column, results that others
-    published by subject ``stored``; ``notes`` says what they are.
+    published by subject ``stored``; ``notes`` says what they are. Text that begins like a formula
+    has an apostrophe before it.
     """
     stream = io.StringIO()
     names = [
@@ -37,13 +41,14 @@ def to_csv(table: Table) -> str:
     for row in table.rows:
         line = {"block": block, **common, "method": row.method, "title": row.title}
         count = {"n": row.n, "of": row.of, "notes": "; ".join(row.notes)}
-        writer.writerow({**line, **count, **_csv_numbers(table, row.cells)})
+        writer.writerow(_harmless({**line, **count, **_csv_numbers(table, row.cells)}))
         for stage in row.stages:
-            writer.writerow({**line, "stage": stage.name, **_csv_numbers(table, stage.cells)})
+            numbers = _csv_numbers(table, stage.cells)
+            writer.writerow(_harmless({**line, "stage": stage.name, **numbers}))
     for printed in table.published.rows if table.published else ():
         line = {"block": "published", "table": table.name, "title": printed.title}
         line["notes"] = _source(table.published)
-        writer.writerow({**line, **_csv_published(table, printed.cells)})
+        writer.writerow(_harmless({**line, **_csv_published(table, printed.cells)}))
     return stream.getvalue()
 
 
@@ -54,6 +59,19 @@ def _protocol_text(protocol: Mapping[str, object]) -> str:
 
 def _source(block: PublishedBlock | None) -> str:
     return f"{block.heading}: {block.source}. {block.note}" if block else ""
+
+
+def _harmless(line: Mapping[str, object]) -> dict[str, object]:
+    """The line, with text that a spreadsheet would take for a formula marked as text."""
+    return {
+        name: _plain_text(value) if isinstance(value, str) else value
+        for name, value in line.items()
+    }
+
+
+def _plain_text(text: str) -> str:
+    # The writer does not quote carriage returns, which would begin another line.
+    return ("'" if text.startswith(_FORMULA) else "") + text.replace("\r", " ")
 
 
 def _keys(column: Column) -> tuple[str, ...]:

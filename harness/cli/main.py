@@ -8,9 +8,11 @@ worker; 6 numbers that must not be mixed; 130 and 143 stopped by Ctrl-C and by S
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
+from harness import __version__
 from harness.cli import (
     check,
     data,
@@ -38,6 +40,26 @@ app = typer.Typer(
     rich_markup_mode=None,
     epilog="Start with 'harness quickstart'; 'harness doctor' says what is usable on this machine.",
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"harness {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def harness(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version and exit.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Measure how well clothed people are reconstructed in 3D from 1 to N calibrated photos."""
+
+
 app.command("quickstart")(quickstart.quickstart)
 app.command("doctor")(doctor.doctor)
 app.add_typer(data.app, name="data")

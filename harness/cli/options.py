@@ -90,8 +90,14 @@ def limit_s(timeout: float) -> float | None:
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """The names in a comma-separated option; ``t00001..t00020`` stands for twenty of them."""
+    """The names in a comma-separated option; ``t00001..t00020`` stands for twenty of them.
+
+    Raises:
+        HarnessError: something that is no name.
+    """
+    from harness.core.names import checked_name
     from harness.data.manifest import subject_range
 
     names = [name.strip() for name in text.split(",") if name.strip()]
-    return tuple(found for name in names for found in subject_range(name) or (name,))
+    found = [single for name in names for single in subject_range(name) or (name,)]
+    return tuple(checked_name("method or subject", name) for name in found)

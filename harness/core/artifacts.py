@@ -25,6 +25,7 @@ from harness.core.rigs import views_from_front
 
 __all__ = [
     "CAPTURE_SCHEMA",
+    "OFF_MODEL",
     "Body",
     "Capture",
     "NormalMaps",
@@ -37,6 +38,9 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 CAPTURE_SCHEMA = 1
+#: In the file of a true body: how far (r.m.s., metres) its surface is from what the body model
+#: gives for its parameters; absent where the model gives the surface itself.
+OFF_MODEL = "off_model_rms_m"
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,13 @@ from harness.core.formats.plain import read_off, read_stl
 from harness.core.formats.ply import read_ply, write_ply
 from harness.core.mesh import Mesh
 
-__all__ = ["MESH_SUFFIXES", "load_mesh", "save_mesh"]
+__all__ = ["MESH_SUFFIXES", "MOST_MESH_BYTES", "load_mesh", "save_mesh"]
 
 _READERS = {".ply": read_ply, ".glb": read_glb, ".off": read_off, ".stl": read_stl}
 #: File name extensions that ``load_mesh`` reads, in the order in which a folder is searched.
 MESH_SUFFIXES = (".ply", ".obj", ".glb", ".off", ".stl")
+#: Larger files are refused. A scan of a person takes up to some 100 MiB.
+MOST_MESH_BYTES = 512 * 2**20
 
 
 def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh:
@@ -28,7 +30,8 @@ def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh
             they tell where the texture's seams are. Only those of an OBJ are read.
 
     Raises:
-        DataError: no such file, an unknown format, or any defect of content.
+        DataError: no such file, an unknown format, more than ``MOST_MESH_BYTES``, or any defect of
+            content.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -40,6 +43,13 @@ def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh
         )
     if not path.is_file():
         raise DataError(f"no mesh at {path}")
+    if path.stat().st_size > MOST_MESH_BYTES:
+        raise DataError(
+            f"{path} is larger than any scan of a person",
+            expected=f"at most {MOST_MESH_BYTES} bytes",
+            got=str(path.stat().st_size),
+            hint="Decimate it, or export it as binary PLY",
+        )
     if texture and suffix != ".obj":
         raise DataError(f"{path} cannot be read with its texture", expected="an OBJ file")
     try:

@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
+from harness.core.names import NAME_RULE, is_name
 from harness.core.rigs import RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
+from harness.data.yaml_lines import read_yaml
 
 __all__ = [
     "Dataset",
@@ -30,7 +33,10 @@ __all__ = [
 ]
 
 _SCALE_RULE = re.compile(rf"fit|metres|{UNITS_RULE}|height=\d+(\.\d+)?")
-_RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d+)\.\.(?P<prefix2>\D*)(?P<high>\d+)")
+_RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d{1,9})\.\.(?P<prefix2>\D*)(?P<high>\d{1,9})")
+_MOST_SUBJECTS, _MOST_SHOWN = 10_000, 40
+#: Least and greatest of what settings may be: beyond lies no photo and no measurement.
+_BOUNDS = {"width": (1, 8192), "height": (1, 8192), "views": (1, 360), "samples": (1, 10_000_000)}
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -46,11 +52,16 @@ def _scale_rule(value: object) -> object:
 
 
 def subject_range(text: str) -> tuple[str, ...]:
-    """The ids of a range such as ``t00001..t00020``, or none if the text is not one."""
+    """The ids of a range such as ``t00001..t00020``, or none if the text is not one.
+
+    Ranges of more than 10 000 ids are none.
+    """
     match = _RANGE.fullmatch(text)
     if not match or match["prefix"] != match["prefix2"] or len(match["low"]) != len(match["high"]):
         return ()
     numbers = range(int(match["low"]), int(match["high"]) + 1)
+    if len(numbers) > _MOST_SUBJECTS:
+        return ()
     return tuple(f"{match['prefix']}{number:0{len(match['low'])}d}" for number in numbers)
 
 
@@ -115,7 +126,7 @@ class Dataset(_Strict):
 
     @model_validator(mode="after")
     def _subjects_are_distinct(self) -> Dataset:
-        repeated = sorted({name for name in self.subjects if self.subjects.count(name) > 1})
+        repeated = sorted(name for name, count in Counter(self.subjects).items() if count > 1)
         if not self.subjects or repeated:
             raise ValueError(
                 f"subjects are empty or repeated: {', '.join(repeated) or 'none given'}"
@@ -155,8 +166,9 @@ class Manifest:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._lines, raw = _parse(path)
+        self._lines, raw = read_yaml(path)
         document = self._validate(_Document, raw, ())
+        self._check_names(document)
         self.datasets: dict[str, Dataset] = document.datasets
         self.splits: dict[str, Split] = document.splits
         self.recipes: dict[str, RenderRecipe] = {}
@@ -170,13 +182,34 @@ class Manifest:
                 )
             value = {"value": {**values, "name": name, "rig": document.rigs[rig]}}
             self.recipes[name] = self._validate(_Recipe, value, ("recipes", name)).value
+            self._check_bounds(("recipes", name), self.recipes[name].to_dict())
+            self._check_bounds(("rigs", str(rig)), asdict(document.rigs[rig]))
         self.protocols: dict[str, MetricProtocol] = {
             name: self._validate(
                 _Protocol, {"value": {**values, "name": name}}, ("protocols", name)
             ).value
             for name, values in document.protocols.items()
         }
+        for name, protocol in self.protocols.items():
+            self._check_bounds(("protocols", name), protocol.to_dict())
         self._check_splits()
+
+    def _check_names(self, document: _Document) -> None:
+        for section in ("datasets", "splits", "rigs", "recipes", "protocols"):
+            for name in getattr(document, section):
+                if not is_name(name):
+                    self._fail((section, name), f"{name[:40]!r} is no name: {NAME_RULE}", "")
+        for name, dataset in document.datasets.items():
+            for subject in dataset.subjects:
+                if not is_name(subject):
+                    what = f"{subject[:40]!r} is no name: {NAME_RULE}"
+                    self._fail(("datasets", name, "subjects"), what, "")
+
+    def _check_bounds(self, location: tuple[str, ...], values: Mapping[str, object]) -> None:
+        for name, (low, high) in _BOUNDS.items():
+            value = values.get(name, low)
+            if not isinstance(value, int) or not low <= value <= high:
+                self._fail((*location, name), f"{name} is {value}, not {low} to {high}", "")
 
     def _check_splits(self) -> None:
         for name, split in self.splits.items():
@@ -217,7 +250,8 @@ class Manifest:
             ),
             1,
         )
-        raise DataError(f"{self.path}, line {line}, {'.'.join(location)}: {what}", hint=hint)
+        place = ".".join(part[:_MOST_SHOWN] for part in location)
+        raise DataError(f"{self.path}, line {line}, {_plain(place)}: {_plain(what)}", hint=hint)
 
     def select(
         self, name: str, subjects: Sequence[str] = ()
@@ -275,6 +309,11 @@ class Manifest:
         return workspace / _VARIABLE.sub(lambda match: os.environ[match[1]], dataset.root)
 
 
+def _plain(text: str) -> str:
+    """A text without line breaks and what would move a terminal's cursor."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
 def _valid_keys(model: type[Any], location: Sequence[str]) -> list[str]:
     """The keys allowed at the last place of a location inside a model."""
     if model is _Recipe:
@@ -287,33 +326,6 @@ def _valid_keys(model: type[Any], location: Sequence[str]) -> list[str]:
     if len(location) > 1 and location[0] == "rigs":
         return list(RingRig.__dataclass_fields__)
     return ["schema", "datasets", "splits", "rigs", "recipes", "protocols"]
-
-
-def _parse(path: Path) -> tuple[dict[tuple[str, ...], int], object]:
-    """The line of every key, by its path of keys, and the file's plain content."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        content = yaml.safe_load(text)
-    except OSError as error:
-        raise DataError(f"no manifest at {path}", hint="Name one with --manifest") from error
-    except yaml.YAMLError as error:
-        raise DataError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    lines: dict[tuple[str, ...], int] = {}
-
-    def visit(current: yaml.Node | None, location: tuple[str, ...]) -> None:
-        if isinstance(current, yaml.MappingNode):
-            for key, value in current.value:
-                place = (*location, str(key.value))
-                if place in lines:
-                    raise DataError(
-                        f"{path}, line {key.start_mark.line + 1}: key '{key.value}' stands twice"
-                    )
-                lines[place] = key.start_mark.line + 1
-                visit(value, place)
-
-    visit(node, ())
-    return lines, content
 
 
 def default_manifest_path() -> Path:

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.array_files.pickles import read_array_pickle
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.hashing import file_sha256
@@ -20,9 +21,7 @@ from harness.core.mesh import Mesh
 from harness.core.mesh_files import load_mesh
 from harness.core.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
-from harness.data.manifest import Dataset
 from harness.data.thuman import find_subject
-from harness.data.unpickle import read_array_pickle
 
 if TYPE_CHECKING:
     # What a manifest says of a dataset is in a scan's rules; how it was read decides nothing.
@@ -136,11 +135,12 @@ def _facing_yaw(dataset: Dataset, subject: str, fit_path: Path | None) -> float:
     orientation = _fit(subject, fit_path, "facing: fit").get("global_orient")
     if orientation is None or orientation.size != 3:
         raise DataError(f"the fit of subject '{subject}' has no global_orient of three numbers")
-    forward = _rotate(orientation.reshape(3), np.array([0.0, 0.0, 1.0]))
+    axis_angle = orientation.reshape(3).astype(np.float64)
+    forward = _rotate(axis_angle, np.array([0.0, 0.0, 1.0]))
     return math.atan2(forward[0], forward[2])
 
 
-def _fit(subject: str, fit_path: Path | None, rule: str) -> dict[str, Floats]:
+def _fit(subject: str, fit_path: Path | None, rule: str) -> dict[str, NDArray[Any]]:
     if fit_path is None:
         raise DataError(
             f"subject '{subject}' has no SMPL-X fit, which the manifest's '{rule}' needs",

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import functools
+import os
+import struct
+import warnings
+import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +21,8 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 __all__ = [
+    "MOST_PIXELS",
+    "check_picture",
     "composite",
     "linear_from_srgb",
     "load_mask",
@@ -31,6 +38,12 @@ __all__ = [
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
+Result = TypeVar("Result")
+
+#: Larger pictures are refused: the largest textures of scans have 8192 x 8192 pixels.
+MOST_PIXELS = 8192 * 8192
+#: Formats that decode in this process; Pillow gives others, such as EPS, to other programs.
+_TEXTURE_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "TGA")
 
 #: Photos of one capture that stay decoded; eight of the paper's size take 66 MB.
 _PHOTOS_KEPT = 8
@@ -88,42 +101,79 @@ def load_mask(path: Path, size: tuple[int, int] | None = None) -> Floats:
 
 
 def load_rgb(path: Path) -> Bytes:
-    """(H, W, 3) uint8 sRGB of any image that Pillow reads, such as a texture; alpha is dropped.
+    """(H, W, 3) uint8 sRGB of a picture such as a texture (JPEG, PNG, TIFF, WebP, BMP, TGA).
+
+    Alpha is dropped.
 
     Raises:
-        DataError: no such file, or not a complete image.
+        DataError: no such file, not a complete picture, or one of more than ``MOST_PIXELS``.
     """
-    from PIL import Image
+    return _read(path, _TEXTURE_FORMATS, lambda image: np.asarray(image.convert("RGB")))
 
-    if not path.is_file():
-        raise DataError(f"no image at {path}")
-    try:
-        with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
-    except (OSError, SyntaxError, ValueError) as error:
-        raise DataError(f"{path} is not a complete image", got=str(error)) from error
+
+def check_picture(path: Path) -> None:
+    """Refuse, by its header alone, what ``load_rgb`` would refuse for its format or size.
+
+    For programs of others that read the picture themselves. Raises as ``load_rgb``.
+    """
+    _read(path, _TEXTURE_FORMATS, lambda image: image.size)
 
 
 def _open_png(path: Path) -> Image:
+    def loaded(image: Image) -> Image:
+        image.load()
+        return image
+
+    # Checks every chunk's checksum, which decoding does not, and leaves the file unusable.
+    _read(path, ("PNG",), lambda image: image.verify())
+    _check_end(path)
+    return _read(path, ("PNG",), loaded)
+
+
+def _check_end(path: Path) -> None:
+    with path.open("rb") as stream:
+        stream.seek(-len(_PNG_END), os.SEEK_END)
+        if stream.read() != _PNG_END:
+            raise _incomplete(path, ("PNG",), "the file ends before its last chunk")
+
+
+def _read(path: Path, formats: tuple[str, ...], use: Callable[[Image], Result]) -> Result:
+    """What ``use`` makes of an opened picture whose size, as its header tells it, is possible."""
     from PIL import Image
 
+    # Pillow warns of large pictures on its own: here they are refused instead.
+    warnings.simplefilter("error", Image.DecompressionBombWarning)
     if not path.is_file():
         raise DataError(f"no image at {path}")
     try:
-        # Checks every chunk's checksum, which decoding does not, and leaves the file unusable.
-        with Image.open(path, formats=["PNG"]) as image:
-            image.verify()
-        if not path.read_bytes().endswith(_PNG_END):
-            raise OSError("the file ends before its last chunk")
-        with Image.open(path, formats=["PNG"]) as image:
-            image.load()
-            return image
-    except (OSError, SyntaxError, ValueError) as error:
-        raise DataError(
-            f"{path} is not a complete PNG",
-            got=str(error),
-            hint="It may be truncated: delete it and make it again",
-        ) from error
+        with Image.open(path, formats=formats) as image:
+            if image.width * image.height > MOST_PIXELS:
+                raise _too_large(path, f"{image.width} x {image.height}")
+            return use(image)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise _too_large(path, "many more") from error
+    # Pillow's decoders raise whatever a damaged file leads them to.
+    except (ArithmeticError, LookupError, OSError, RuntimeError, SyntaxError, TypeError,
+            ValueError, struct.error, zlib.error) as error:  # fmt: skip
+        raise _incomplete(path, formats, str(error)) from error
+
+
+def _incomplete(path: Path, formats: tuple[str, ...], got: str) -> DataError:
+    return DataError(
+        f"{path} is not a complete {'PNG' if formats == ('PNG',) else 'image'}",
+        expected=", ".join(formats),
+        got=got,
+        hint="It may be truncated: get or make it again",
+    )
+
+
+def _too_large(path: Path, got: str) -> DataError:
+    return DataError(
+        f"{path} has more pixels than any picture used here",
+        expected=f"at most {MOST_PIXELS} pixels, as 8192 x 8192",
+        got=got,
+        hint="Make it smaller: no measurement needs so many",
+    )
 
 
 def packed_normals(normals: Floats) -> NDArray[np.int8]:

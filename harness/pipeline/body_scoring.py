@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.artifacts import Body, Capture, Scan
+from harness.core.array_files.npz import read_array_npz
+from harness.core.artifacts import OFF_MODEL, Body, Capture, Scan
 from harness.core.camera import Camera
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
@@ -57,11 +57,12 @@ class TrueBody:
         if scan.body_path is None:
             return None
         try:
-            with np.load(scan.body_path, allow_pickle=False) as file:
-                vertices, joints = file["vertices"], file["joints"]
-                names = tuple(str(name) for name in file["joint_names"])
-                off_m = float(file["off_model_rms_m"]) if "off_model_rms_m" in file else 0.0
-        except (KeyError, ValueError, OSError, BadZipFile) as error:
+            wanted = ("vertices", "joints", "joint_names", OFF_MODEL)
+            file = read_array_npz(scan.body_path, wanted)
+            vertices, joints = file["vertices"], file["joints"]
+            names = tuple(str(name) for name in file["joint_names"])
+            off_m = float(file[OFF_MODEL]) if OFF_MODEL in file else 0.0
+        except (DataError, KeyError, ValueError) as error:
             raise DataError(f"{scan.body_path} is no true body", got=repr(error)) from error
         turn, shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
         return cls(

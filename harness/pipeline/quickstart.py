@@ -18,6 +18,7 @@ from harness.pipeline.workspace import Workspace
 
 __all__ = ["QuickstartResult", "quickstart"]
 
+_FIGURES = "figures"
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
 
 #: Methods in the figures: all of them side by side would be too small to see.
@@ -61,6 +62,7 @@ def quickstart(
     folder = store.directory / "tables"
     files = write_tables(records, folder)
     figures, undrawn = [], []
+    progress.expect(_FIGURES, len(FIGURES))
     for name, draw in FIGURES.items():
         drawn = _DRAWN_BODIES if name == "bodies" else _DRAWN
         shown = in_order(records, tuple(method for method in drawn if method in methods))
@@ -68,6 +70,7 @@ def quickstart(
             figures.append(draw(store, request.source, shown, folder / f"{name}.png"))
         except HarnessError as error:
             undrawn.append(f"figure {name}: {error}")
+        progress.done(_FIGURES)
     tables = tuple(
         build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
     )

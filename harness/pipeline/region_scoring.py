@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
-from zipfile import BadZipFile
 
 import numpy as np
 
+from harness.core.array_files.npz import read_array_npz
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
@@ -68,10 +68,10 @@ def labelled_faces(scan: Scan, truth: Mesh) -> FaceRegions | None:
     if path is None:
         return None
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            labels = file["face_labels"].astype(np.int64)
-            names = tuple(str(name) for name in file["names"])
-    except (KeyError, ValueError, OSError, BadZipFile) as error:
+        file = read_array_npz(path, ("face_labels", "names"))
+        labels = file["face_labels"].astype(np.int64)
+        names = tuple(str(name) for name in file["names"])
+    except (DataError, KeyError, ValueError) as error:
         raise DataError(f"{path} holds no labels of faces", got=repr(error)) from error
     if labels.shape != (len(truth.faces),):
         raise DataError(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.hashing import file_sha256
 from harness.core.mesh_files import MESH_SUFFIXES, load_mesh
+from harness.core.names import checked_name
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.records import MetricValue, Record, Status
@@ -77,11 +78,12 @@ def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
     """One record per subject of the dataset; a subject without a mesh is ``missing``, not dropped.
 
     Raises:
-        HarnessError: no such folder, not one mesh named by a subject, or the name of a method that
-            is run here.
+        HarnessError: no such folder, not one mesh named by a subject, or a name that no method may
+            have or that one run here has.
     """
     from methods.catalog import METHODS
 
+    checked_name("method", request.name)
     if request.name in METHODS.targets():
         raise HarnessError(
             f"'{request.name}' is a method that is run here",

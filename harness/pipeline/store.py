@@ -11,6 +11,7 @@ from pathlib import Path
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files import exclusive_lock, remove_leftovers, write_json
 from harness.core.hashing import file_sha256
+from harness.core.names import checked_name
 from harness.core.records import Record
 from harness.pipeline.workspace import Workspace
 
@@ -89,7 +90,7 @@ class RunStore:
 
     def cell(self, method: str, subject: str) -> Path:
         """Folder of one cell."""
-        return self.directory / method / subject
+        return self.directory / checked_name("method", method) / checked_name("subject", subject)
 
     def record(self, method: str, subject: str) -> Record | None:
         """The record of one cell, or None where there is none yet."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from harness.core.artifacts import Scan
+from harness.core.array_files.npz import read_array_npz
+from harness.core.artifacts import OFF_MODEL, Scan
 from harness.core.errors import DataError
 from methods.body.perturbation import TrueParameters
 
 __all__ = ["true_parameters"]
+
+_WANTED = ("pose_parameters", "phenotype", "phenotype_names")
 
 
 def true_parameters(scan: Scan) -> TrueParameters:
@@ -22,15 +23,15 @@ def true_parameters(scan: Scan) -> TrueParameters:
     """
     if scan.body_path is None:
         raise DataError(f"scan of '{scan.subject}' has no true body", expected="a body.npz")
-    with np.load(scan.body_path, allow_pickle=False) as file:
-        if "pose_parameters" not in file or "phenotype" not in file:
-            raise DataError(
-                f"{scan.body_path} is no Anny body",
-                expected="pose_parameters and phenotype",
-                got=", ".join(file.files),
-            )
-        names = [str(name) for name in file["phenotype_names"]]
-        values = [float(value) for value in file["phenotype"]]
-        off_m = float(file["off_model_rms_m"]) if "off_model_rms_m" in file else 0.0
-        phenotype = dict(zip(names, values, strict=True))
-        return TrueParameters(file["pose_parameters"], phenotype, off_m)
+    file = read_array_npz(scan.body_path, (*_WANTED, OFF_MODEL))
+    missing = [name for name in _WANTED if name not in file]
+    if missing:
+        raise DataError(
+            f"{scan.body_path} is no Anny body",
+            expected=", ".join(_WANTED),
+            got=", ".join(file) or "none of them",
+        )
+    names = [str(name) for name in file["phenotype_names"]]
+    values = [float(value) for value in file["phenotype"]]
+    off_m = float(file[OFF_MODEL]) if OFF_MODEL in file else 0.0
+    return TrueParameters(file["pose_parameters"], dict(zip(names, values, strict=True)), off_m)

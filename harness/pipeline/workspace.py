@@ -6,12 +6,16 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from harness.core.names import checked_name
+
 __all__ = ["Workspace"]
 
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
     """The folder that holds ``data/``, ``captures/`` and ``runs/``.
+
+    Every name that becomes part of a path is checked, so that no path leads out of the folder.
 
     Attributes:
         root: The current folder unless ``HARNESS_WORKSPACE`` or ``--workspace`` names another.
@@ -26,11 +30,17 @@ class Workspace:
 
     def capture(self, dataset: str, subject: str, recipe: str) -> Path:
         """Folder of one capture."""
-        return self.root / "captures" / dataset / subject / recipe
+        return (
+            self.root
+            / "captures"
+            / checked_name("dataset", dataset)
+            / checked_name("subject", subject)
+            / checked_name("recipe", recipe)
+        )
 
     def run(self, name: str) -> Path:
         """Folder of one run."""
-        return self.root / "runs" / name
+        return self.runs / checked_name("run", name)
 
     @property
     def runs(self) -> Path:

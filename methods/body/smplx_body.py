@@ -6,9 +6,6 @@ world's (+Y up, facing +Z) and its local axes are parallel to it, so poses need 
 
 from __future__ import annotations
 
-import functools
-import pickle
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,30 +13,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.errors import DataError, MissingPart
 from methods.body.anatomy import blend_landmarks, free_joint, table
 from methods.body.model import MAIN_JOINTS, FreeJoint, LandmarkTable, Parameters, Posed
 from methods.body.parts import body_part
+from methods.body.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 __all__ = ["SmplxBody"]
 
-_WHERE = (
-    "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and pass "
-    "--set body.model_file=<folder>/SMPLX_NEUTRAL.npz"
-)
-_VERTICES, _JOINTS, _BODY_JOINTS = 10475, 55, 21
-_BETAS, _EXPRESSIONS, _HAND = 10, 10, 45
+_BODY_JOINTS = 21
 #: What the fit leaves as it is unless it is given: size of each of the model's other parameters.
 _RESTING = {
-    "expression": _EXPRESSIONS,
+    "expression": EXPRESSIONS,
     "jaw_pose": 3,
     "leye_pose": 3,
     "reye_pose": 3,
-    "left_hand_pose": _HAND,
-    "right_hand_pose": _HAND,
+    "left_hand_pose": HAND,
+    "right_hand_pose": HAND,
 }
 _FREE_ROLES = {
     "spine1": "spine", "spine2": "spine", "spine3": "spine", "neck": "neck", "head": "head",
@@ -69,15 +61,15 @@ class SmplxBody:
         from smplx.joint_names import JOINT_NAMES
 
         path = Path(model_file) if model_file else None
-        self._model = _load(path)
+        self._model = load_model(path)
         self.part = body_part(self.name, str(model_file))
         self.faces: NDArray[np.int32] = np.asarray(self._model.faces).astype(np.int32)
-        self.joint_names = tuple(JOINT_NAMES[:_JOINTS])
+        self.joint_names = tuple(JOINT_NAMES[:JOINTS])
         self.roles: Mapping[str, int] = {
             role: self.joint_names.index(role) for role in (*MAIN_JOINTS, "head")
         }
         self.free = tuple(_free(name) for name in self.joint_names[1 : _BODY_JOINTS + 1])
-        self.shape_prior = np.stack([np.zeros(_BETAS), np.ones(_BETAS)]).astype(np.float32)
+        self.shape_prior = np.stack([np.zeros(BETAS), np.ones(BETAS)]).astype(np.float32)
         self.landmarks = _landmark_table(self._model, self.joint_names)
         self.regions: Mapping[str, NDArray[np.bool_]] = _regions(self._model, self.joint_names)
         self._parents = [int(parent) for parent in self._model.parents]
@@ -118,13 +110,13 @@ class SmplxBody:
         root = roma.special_gramschmidt(parameters["orientation"])
         pelvis = output.joints[:, :1]
         place = parameters["translation"][:, None]
-        local = roma.rotvec_to_rotmat(output.full_pose.reshape(batch, _JOINTS, 3))
+        local = roma.rotvec_to_rotmat(output.full_pose.reshape(batch, JOINTS, 3))
         turns = [root]
-        for joint in range(1, _JOINTS):
+        for joint in range(1, JOINTS):
             turns.append(turns[self._parents[joint]] @ local[:, joint])
         return Posed(
             vertices=(output.vertices - pelvis) @ root.transpose(1, 2) + place,
-            joints=(output.joints[:, :_JOINTS] - pelvis) @ root.transpose(1, 2) + place,
+            joints=(output.joints[:, :JOINTS] - pelvis) @ root.transpose(1, 2) + place,
             turns=torch.stack(turns, 1),
         )
 
@@ -157,57 +149,6 @@ class SmplxBody:
                 "global_orient": roma.rotmat_to_rotvec(turn).numpy(),
                 "transl": transl.numpy(),
             }
-
-
-def _load(path: Path | None) -> Any:
-    if path is None or not path.is_file():
-        raise MissingPart(
-            "the body model SMPL-X has no model file" if path is None else f"no file at {path}",
-            expected="SMPLX_NEUTRAL.npz or .pkl",
-            hint=_WHERE,
-        )
-    if path.suffix not in (".npz", ".pkl"):
-        raise DataError(f"{path} is no SMPL-X model", expected="an .npz or .pkl file", hint=_WHERE)
-    return _loaded(path, path.stat().st_mtime_ns)
-
-
-@functools.lru_cache(maxsize=1)
-def _loaded(path: Path, changed_ns: int) -> Any:  # noqa: ARG001 - a changed file is read again
-    try:
-        import smplx
-    except ImportError as error:
-        raise MissingPart(
-            "the package smplx is not installed", hint="Run: pip install smplx==0.1.28"
-        ) from error
-    try:
-        model = smplx.SMPLX(
-            str(path),
-            ext=path.suffix[1:],
-            num_betas=_BETAS,
-            num_expression_coeffs=_EXPRESSIONS,
-            use_pca=False,
-            flat_hand_mean=True,
-        )
-    except (
-        AttributeError, EOFError, ImportError, IndexError, KeyError, OSError, RuntimeError,
-        TypeError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile,
-    ) as error:  # fmt: skip
-        raise DataError(f"{path} is no SMPL-X model", got=repr(error), hint=_WHERE) from error
-    shapes = {
-        "v_template": (_VERTICES, 3),
-        "J_regressor": (_JOINTS, _VERTICES),
-        "lbs_weights": (_VERTICES, _JOINTS),
-        "shapedirs": (_VERTICES, 3, _BETAS),
-    }
-    for name, shape in shapes.items():
-        if tuple(getattr(model, name).shape) != shape:
-            raise DataError(
-                f"{path} is not SMPL-X but another model: its {name} has another shape",
-                expected=str(shape),
-                got=str(tuple(getattr(model, name).shape)),
-                hint=_WHERE,
-            )
-    return model.requires_grad_(requires_grad=False)
 
 
 def _free(name: str) -> FreeJoint:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import os
-import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -19,6 +18,7 @@ from typing import Any
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 from harness.core.files import atomic_path, exclusive_lock, read_json, write_json
 from harness.core.hashing import file_sha256
+from harness.core.names import NAME_RULE, is_name
 from harness.core.protocols import Part
 from methods.normals.onnx_estimator import OnnxNormals
 from methods.normals.onnx_files import network_stamp
@@ -41,7 +41,6 @@ __all__ = [
 OPEN_NETWORK = "open-normals"
 
 _INDEX = "weights.json"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,10 +196,10 @@ def import_file(path: Path, name: str, place: Place, *, replace: bool = False) -
         DataError: no file, or not a network that can be used; nothing is changed then.
         MissingPart: onnxruntime is not installed.
     """
-    if not _NAME.fullmatch(name) or name.endswith(".onnx"):
+    if not is_name(name) or name.endswith(".onnx"):
         raise HarnessError(
             f"a network cannot be called '{name}'",
-            expected="letters, digits, '.', '_' and '-', without '.onnx' at its end",
+            expected=f"{NAME_RULE}, and no '.onnx' at its end",
             hint="Give another one with --name",
         )
     network = _examined(path, name, place)

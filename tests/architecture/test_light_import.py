@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from harness import __version__
+
 HEAVY = {
     "anny", "bpy", "jax", "matplotlib", "mediapipe", "onnxruntime", "open3d", "pandas", "plotly",
     "scipy", "skimage", "torch", "trimesh", "warp",
@@ -31,6 +33,7 @@ def imported(*arguments: str) -> set[str]:
         ("-c", "import harness.data, methods, metrics, renderers, reports, methods.catalog"),
         ("-m", "harness.cli.main", "--help"),
         (SCRIPT, "--help"),
+        (SCRIPT, "--version"),
         (SCRIPT, "eval", "--help"),
         (SCRIPT, "data", "list", "--help"),
         (SCRIPT, "weights", "list"),
@@ -43,6 +46,13 @@ def test_nothing_heavy_is_imported(arguments: tuple[str, ...]) -> None:
 
     assert "harness" in packages
     assert packages & HEAVY == set()
+
+
+def test_the_version_is_told_at_once() -> None:
+    command = [sys.executable, "-m", "harness.cli.main", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"harness {__version__}\n"
+    assert done.stderr == ""
 
 
 def test_importing_the_harness_imports_nothing_else_of_ours() -> None:

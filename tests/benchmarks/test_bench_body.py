@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 
 import numpy as np
@@ -50,17 +49,6 @@ def ring_views(body, count):
     return Views(tuple(views), found, {})
 
 
-def timed(body, views, weights):
-    """Least wall seconds of three fits."""
-    torch.set_num_threads(1)
-    seconds = []
-    for _ in range(3):
-        started = time.perf_counter()
-        optimise(body, views, neutral(body), weights, seed=0)
-        seconds.append(time.perf_counter() - started)
-    return min(seconds)
-
-
 def test_an_iteration_of_eight_views_is_fast(body, benchmark):
     views = ring_views(body, 8)
     weights = Weights(iterations=3)
@@ -70,9 +58,17 @@ def test_an_iteration_of_eight_views_is_fast(body, benchmark):
     assert benchmark.stats.stats.min / 3 < MOST_SECONDS_PER_ITERATION
 
 
-def test_time_grows_no_faster_than_linearly_with_views(body):
-    few, many = (timed(body, ring_views(body, count), Weights(iterations=3)) for count in (2, 16))
-    assert many < 8 * few * 1.3
+def test_time_grows_no_faster_than_linearly_with_views(body, in_turns):
+    """Eight times the views; measured in turns on two busy cores: 3.1 and 3.2 times the time."""
+    torch.set_num_threads(1)
+    weights = Weights(iterations=3)
+
+    def fit(count):
+        views = ring_views(body, count)
+        return lambda: optimise(body, views, neutral(body), weights, seed=0)
+
+    turns = in_turns({"few": fit(2), "many": fit(16)})
+    assert turns.ratio("many", "few") < 8 * 1.3, turns.seconds
 
 
 def test_mini_batches_take_memory_that_does_not_grow_with_views(body):

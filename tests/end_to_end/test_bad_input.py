@@ -109,6 +109,13 @@ def test_a_full_disk_fails_one_cell_and_leaves_nothing_half_written(world):
         ),
         (("report", "--run", "none"), 2, "no run 'none'"),
         (("report",), 2, "harness quickstart"),
+        ((*EVAL, "--method", "gt", "--run", "../../x"), 2, "'../../x' cannot be the name of a run"),
+        ((*EVAL, "--method", "gt", "--subjects", "../t1"), 2, "'../t1' cannot be the name of"),
+        (
+            ("score", "scans", "--dataset", "toy", "--name", "../x"),
+            2,
+            "'../x' cannot be the name of a method",
+        ),
         (("score", "a.ply", "--gt", "b.ply"), 3, "no mesh at a.ply"),
         (("score", "scans"), 2, "Give --gt TRUTH"),
         (("check", "none.json", "--run", "x"), 2, "no run 'x'"),
@@ -121,6 +128,21 @@ def test_a_wrong_request_is_one_sentence(world, harness, arguments, code, senten
     assert sentence in run.stderr
     assert run.stderr.startswith("harness: ")
     assert "Traceback" not in run.stderr
+
+
+def test_a_recipe_that_leads_out_of_the_workspace_deletes_nothing(world, harness):
+    """Photos replace the folder of their recipe as a whole."""
+    victim = world.parent / "victim"
+    victim.mkdir()
+    (victim / "precious.txt").write_text("x")
+    manifest = world / "data_manifest.yaml"
+    outside = "../../../../victim"
+    assert (world / "captures/toy/t1" / outside).resolve() == victim
+    manifest.write_text(manifest.read_text().replace("  tiny:", f"  {outside}:"))
+    run = harness("render", "--dataset", "toy", "--recipe", outside, "--subjects", "t1")
+    assert run.returncode == 3, run.stderr
+    assert f"'{outside}' is no name" in run.stderr
+    assert (victim / "precious.txt").read_text() == "x"
 
 
 def test_an_unknown_key_in_the_manifest(world, harness):

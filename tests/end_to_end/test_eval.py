@@ -20,6 +20,14 @@ def test_from_scans_to_tables(world, harness, eval_toy):
     run = eval_toy("hull8,gt", "--jobs", "2")
     assert run.returncode == 0, run.stderr
     assert "6 ok (0 cached)" in run.stdout
+    # No terminal here: plain lines, on standard error alone.
+    told = run.stderr.splitlines()
+    assert told[:2] == ["photos: 0 of 24", "reconstructions: 0 of 6"]
+    assert any(line.startswith("photos: 24 of 24, ") for line in told)
+    assert told[-1].startswith("reconstructions: 6 of 6, ")
+    again = eval_toy("hull8,gt", "--json")
+    assert json.loads(again.stdout)["cached"] == 6
+    assert again.stderr == ""
 
     table = json.loads(
         harness("report", "--table", "geometry", "--format", "json", "--interval").stdout

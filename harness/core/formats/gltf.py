@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ Indices = NDArray[np.int64]
 _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _POINTS_AND_LINES, _TRIANGLES = range(4), 4
+#: Nodes may show one mesh many times, so that a small file could hold any number of vertices.
+_MOST_ELEMENTS, _MOST_JSON_BYTES = 10_000_000, 16 * 2**20
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
@@ -31,6 +33,7 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 class _Glb:
     document: dict[str, Any]
     binary: bytes
+    visited: set[int] = field(default_factory=set[int])
 
 
 def read_glb(path: Path) -> Mesh:
@@ -59,12 +62,12 @@ def read_glb(path: Path) -> Mesh:
             raise DataError(
                 f"needs {', '.join(compressed)}", hint="Export it again without compression"
             )
-        pieces = [piece for node in _roots(glb) for piece in _node(glb, node, np.eye(4))]
+        pieces = _pieces(glb)
     except DataError as error:
         raise error.located(path) from error
     except RecursionError as error:
-        raise DataError(f"{path} has a node that is its own ancestor") from error
-    except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
+        raise DataError(f"{path} has nodes nested too deep") from error
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise DataError(
             f"{path} is not a readable GLB", got=f"{type(error).__name__}: {error}"
         ) from error
@@ -80,6 +83,18 @@ def read_glb(path: Path) -> Mesh:
     )
 
 
+def _pieces(glb: _Glb) -> list[tuple[Floats, Indices]]:
+    pieces: list[tuple[Floats, Indices]] = []
+    count = 0
+    for node in _roots(glb):
+        for piece in _node(glb, node, np.eye(4)):
+            pieces.append(piece)
+            count += len(piece[0]) + len(piece[1])
+            if count > _MOST_ELEMENTS:
+                raise ValueError(f"more than {_MOST_ELEMENTS} vertices and triangles")
+    return pieces
+
+
 def _chunks(content: bytes) -> _Glb:
     document: dict[str, Any] = {}
     binary = b""
@@ -88,6 +103,8 @@ def _chunks(content: bytes) -> _Glb:
         size, kind = struct.unpack_from("<II", content, position)
         chunk = content[position + 8 : position + 8 + size]
         if kind == _JSON_CHUNK:
+            if size > _MOST_JSON_BYTES:
+                raise ValueError(f"a description of {size} bytes")
             document = json.loads(chunk)
         elif kind == _BINARY_CHUNK:
             binary = chunk
@@ -106,6 +123,10 @@ def _roots(glb: _Glb) -> list[int]:
 
 def _node(glb: _Glb, index: int, parent: Floats) -> Iterator[tuple[Floats, Indices]]:
     """Vertices and faces of every primitive at and below a node, in the file's axes."""
+    if index in glb.visited:
+        # The format gives a node one parent; shared nodes could grow without end.
+        raise ValueError(f"node {index} is shared, or a node that is its own ancestor")
+    glb.visited.add(index)
     node = glb.document["nodes"][index]
     transform = parent @ _node_transform(node)
     mesh: dict[str, Any] = glb.document["meshes"][node["mesh"]] if "mesh" in node else {}

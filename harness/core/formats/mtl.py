@@ -10,6 +10,7 @@ from harness.core.errors import DataError
 
 __all__ = ["texture_image"]
 
+_MOST_BYTES = 2**20
 #: Options such as "-s 1 1 1" or "-clamp on" may stand before the file's name, which has the rest.
 _DIFFUSE_MAP = re.compile(
     r"^\s*map_kd\s+(?:-\w+\s+(?:(?:on|off|[-+.\d][-+.\deE]*)\s+)+)*(.*\S)",
@@ -34,6 +35,12 @@ def texture_image(mesh_path: Path, material_files: Sequence[str]) -> Path:
         if not material_path.is_file():
             raise DataError(
                 f"{mesh_path} names a material file that is not there", expected=str(material_path)
+            )
+        if material_path.stat().st_size > _MOST_BYTES:
+            raise DataError(
+                f"{material_path} is no material file",
+                expected=f"at most {_MOST_BYTES} bytes",
+                got=str(material_path.stat().st_size),
             )
         text = material_path.read_text(encoding="utf-8", errors="replace")
         images.update(_DIFFUSE_MAP.findall(text))

@@ -13,7 +13,7 @@ from harness.core.mesh import Mesh
 
 __all__ = ["read_off", "read_stl"]
 
-_STL_HEADER_BYTES = 84
+_STL_HEADER_BYTES, _MOST_SHOWN = 84, 60
 _STL_FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -32,16 +32,20 @@ def read_off(path: Path) -> Mesh:
         vertex_count, face_count = int(rows[0][0]), int(rows[0][1])
         vertex_rows = rows[1 : 1 + vertex_count]
         polygons = rows[1 + vertex_count : 1 + vertex_count + face_count]
-        if len(vertex_rows) < vertex_count or len(polygons) < face_count:
+        if (
+            min(vertex_count, face_count) < 0
+            or len(vertex_rows) < vertex_count
+            or len(polygons) < face_count
+        ):
             raise ValueError(
                 f"{len(vertex_rows)} of {vertex_count} vertices, "
                 f"{len(polygons)} of {face_count} faces"
             )
         vertices = np.array([row[:3] for row in vertex_rows], dtype=np.float64)
         faces = [triangle for row in polygons for triangle in _fan(row)]
-    except (ValueError, IndexError) as error:
+        indices = np.array(faces, dtype=np.int64).reshape(-1, 3)
+    except (ArithmeticError, ValueError, IndexError) as error:
         raise DataError(f"{path} is truncated or broken", got=str(error)) from error
-    indices = np.array(faces, dtype=np.int64).reshape(-1, 3)
     return Mesh(vertices=vertices, faces=indices, source=str(path))
 
 
@@ -50,7 +54,7 @@ def _fan(row: list[str]) -> list[tuple[int, int, int]]:
     count = int(row[0])
     corners = [int(word) for word in row[1 : 1 + count]]
     if count < 3 or len(corners) < count:
-        raise ValueError(f"a face row '{' '.join(row)}'")
+        raise ValueError(f"a face row '{' '.join(row)[:_MOST_SHOWN]}'")
     return [(corners[0], corners[i], corners[i + 1]) for i in range(1, count - 1)]
 
 

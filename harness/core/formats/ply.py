@@ -24,6 +24,8 @@ _KINDS = {
 }  # fmt: skip
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
+_MOST_HEADER_BYTES, _MOST_CORNERS = 65_536, 10_000
+
 #: A property's values, as runs of rows that are alike: (n,) of a scalar, (n, k) of lists of k.
 Runs = list[NDArray[Any]]
 
@@ -46,15 +48,17 @@ def read_ply(path: Path) -> Mesh:
     """The mesh of a PLY file; polygons are cut into fans, colours and normals are ignored.
 
     Raises:
-        DataError: not a PLY, truncated, without x, y, z, or a point cloud without faces.
+        DataError: not a PLY, truncated, more rows than it has bytes, without x, y, z, or a point
+            cloud without faces.
     """
     content = path.read_bytes()
-    end = content.find(b"end_header")
+    end = content.find(b"end_header", 0, _MOST_HEADER_BYTES)
     start = content.find(b"\n", end) + 1
     if not content.startswith(b"ply") or end < 0 or start == 0:
         raise DataError(f"{path} is not a PLY file", expected="a header 'ply ... end_header'")
     try:
         order, elements = _header(content[:end].decode("ascii", errors="replace"))
+        _check_counts(elements, len(content) - start)
     except (KeyError, ValueError, IndexError) as error:
         raise DataError(
             f"{path} has a header that cannot be read", got=f"{type(error).__name__}: {error}"
@@ -66,11 +70,12 @@ def read_ply(path: Path) -> Mesh:
             else _ascii_tables(content[start:], elements)
         )
         faces = _triangles(tables)
-    except (ValueError, IndexError) as error:
+        vertices = _positions(tables, path)
+    except (ArithmeticError, IndexError, TypeError, ValueError) as error:
         # numpy adds advice to a programmer after a semicolon.
         got = str(error).split(";")[0]
         raise DataError(f"{path} is truncated or broken", got=got) from error
-    return Mesh(vertices=_positions(tables, path), faces=faces, source=str(path))
+    return Mesh(vertices=vertices, faces=faces, source=str(path))
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:
@@ -92,6 +97,13 @@ def _header(text: str) -> tuple[str, list[_Element]]:
     return _BYTE_ORDERS[layout], elements
 
 
+def _check_counts(elements: list[_Element], size: int) -> None:
+    """Refuse more rows than the file has bytes."""
+    rows = sum(element.count for element in elements)
+    if rows > size:
+        raise ValueError(f"{rows} rows in {size} bytes")
+
+
 def _positions(tables: dict[str, dict[str, Runs]], path: Path) -> NDArray[np.float64]:
     columns = tables.get("vertex", {})
     missing = [axis for axis in "xyz" if not columns.get(axis)]
@@ -109,7 +121,7 @@ def _triangles(tables: dict[str, dict[str, Runs]]) -> NDArray[Any]:
 def _fan(polygons: NDArray[Any]) -> NDArray[Any]:
     """(n * (k - 2), 3) triangles of (n, k) polygons."""
     corners = polygons.shape[1] if polygons.ndim == 2 else 1
-    if corners < 3:
+    if not 3 <= corners <= _MOST_CORNERS:
         raise ValueError(f"a face of {corners} corners")
     fan = [[0, corner, corner + 1] for corner in range(1, corners - 1)]
     return polygons[:, fan].reshape(-1, 3)

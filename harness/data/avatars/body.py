@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.core.artifacts import OFF_MODEL
 from harness.core.errors import MissingPart
 from harness.core.files import exclusive_lock
 from harness.data.avatars.quads import Floats, Ints, SparseMatrix
@@ -233,7 +234,7 @@ def reference_body(body: Body, posed: Posed) -> dict[str, np.ndarray]:
     }
     if body.offsets is not None:
         moved = body.offsets[template.reference_index]
-        arrays["off_model_rms_m"] = np.sqrt((moved**2).sum(1).mean())
+        arrays[OFF_MODEL] = np.sqrt((moved**2).sum(1).mean())
     return arrays
 
 

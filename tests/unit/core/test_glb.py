@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
+from harness.core.formats import gltf
 from harness.core.formats.gltf import read_glb
 from harness.core.mesh import Mesh
 
@@ -109,6 +110,27 @@ def test_one_mesh_at_two_nodes_is_two_pieces(tmp_path: Path) -> None:
 
     assert (len(mesh.vertices), len(mesh.faces)) == (8, 8)
     assert mesh.signed_volume == pytest.approx(2 / 6)
+
+
+def test_one_mesh_at_any_number_of_nodes_has_an_end(tmp_path: Path, monkeypatch) -> None:
+    """Each node repeats the vertices, so that a small file could fill the memory."""
+    monkeypatch.setattr(gltf, "_MOST_ELEMENTS", 50)
+
+    def repeat(d: dict) -> None:
+        d["nodes"] = [{"mesh": 0}] * 100
+        d["scenes"][0]["nodes"] = list(range(100))
+
+    with pytest.raises(DataError, match="more than 50 vertices and triangles"):
+        read_changed(tmp_path, repeat)
+
+
+def test_a_node_with_two_parents_is_refused(tmp_path: Path) -> None:
+    def share(d: dict) -> None:
+        d["nodes"] = [{"children": [1, 1]}, {"mesh": 0}]
+        d["scenes"][0]["nodes"] = [0]
+
+    with pytest.raises(DataError, match="node 1 is shared"):
+        read_changed(tmp_path, share)
 
 
 def test_only_the_default_scene_is_read(tmp_path: Path) -> None:

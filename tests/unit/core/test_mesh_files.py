@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.core.mesh_files import MESH_SUFFIXES, load_mesh, save_mesh
+from harness.core.mesh_files import MESH_SUFFIXES, MOST_MESH_BYTES, load_mesh, save_mesh
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -150,3 +150,12 @@ def test_only_obj_has_a_texture_here(tmp_path: Path) -> None:
 
     with pytest.raises(DataError, match="cannot be read with its texture .*an OBJ file"):
         load_mesh(path, texture=True)
+
+
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+def test_files_beyond_the_stated_size_are_refused_unread(tmp_path, suffix):
+    path = tmp_path / f"huge{suffix}"
+    with path.open("wb") as stream:
+        stream.truncate(MOST_MESH_BYTES + 1)
+    with pytest.raises(DataError, match=r"larger than any scan.*at most 536870912 bytes"):
+        load_mesh(path)

@@ -59,6 +59,14 @@ def test_the_shipped_manifest_is_the_paper():
             *("normal_weights: permuted", "normal_weights: wrong"),
             *("protocols.mexecon.normal_weights", "'barycentric' or 'permuted'"),
         ),
+        ("  paper8:", "  ../../victim:", "recipes.../../victim", "'../../victim' is no name"),
+        ("  thuman21:", "  thuman/21:", "datasets.thuman/21", "'thuman/21' is no name"),
+        ("avatars-tiny:", ".hidden:", "splits..hidden", "'.hidden' is no name"),
+        ("subjects: t00001..t02000", "subjects: ../a", "datasets.avatars-train", "'../a' is no"),
+        ("subjects: t00001..t02000", "subjects: t00001..t99999", "datasets.avatars-train", "name"),
+        ("width: 1080", "width: 1000000", "recipes.paper8.width", "not 1 to 8192"),
+        ("views: 8", "views: 0", "rigs.ring8.views", "not 1 to 360"),
+        ("samples: 30000", "samples: 0", "protocols.mexecon.samples", "not 1 to"),
     ],
 )  # fmt: skip
 def test_a_mistake_names_file_line_key_and_the_nearest(tmp_path, before, after, place, hint):
@@ -94,6 +102,43 @@ def test_not_yaml_missing_file_and_repeated_key(tmp_path):
     text = SHIPPED.read_text()
     path.write_text(text + "\nrigs: {}\n")
     with pytest.raises(DataError, match=r"line \d+: key 'rigs' stands twice"):
+        load_manifest(path)
+
+
+ALIASES = "\n".join(
+    ["a0: &a0 [x, x]", *(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 40))]
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (ALIASES, r"line 2: '\*a0' is an alias"),
+        ("[" * 30 + "]" * 30, "nested more than 20 deep"),
+        ("{a: " * 3000 + "}" * 3000, "nested more than 20 deep"),
+        (f"schema: {'9' * 4000}", "schema: "),
+        (f"schema: {'9' * 5000}", "line 1: a value of 5000 letters"),
+        ("schema: 1" + ":59" * 100_000, "a value of 300001 letters"),
+        ("schema: 2026-99-99", "a value that cannot be read"),
+        ("x: " + "a" * 5_000_000, "too large for a manifest"),
+        ("schema: !!python/object/apply:os.system [true]", "is not YAML"),
+        ("{[a]: 1}", "is not YAML"),
+        ("", "file: "),
+        ("- 1", "file: "),
+    ],
+)
+def test_what_is_made_to_do_harm_is_one_sentence(tmp_path, content, sentence):
+    path = tmp_path / "m.yaml"
+    path.write_text(content)
+    with pytest.raises(DataError, match=sentence) as caught:
+        load_manifest(path)
+    assert str(caught.value).isprintable()
+
+
+def test_a_manifest_that_is_no_text(tmp_path):
+    path = tmp_path / "m.yaml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DataError, match="is not text in UTF-8"):
         load_manifest(path)
 
 
@@ -139,7 +184,7 @@ def test_training_subjects_are_a_range_apart_from_the_test_subjects():
     assert not set(training) & set(manifest.datasets["avatars"].subjects)
 
 
-@pytest.mark.parametrize("text", ["a01", "a1..b2", "a01..a2", "..", "a03..a01"])
+@pytest.mark.parametrize("text", ["a01", "a1..b2", "a01..a2", "..", "a03..a01", "a00001..a99999"])
 def test_what_is_no_range_gives_no_subjects(text):
     assert subject_range(text) == ()
 

@@ -79,6 +79,17 @@ def test_csv_does_not_put_a_number_under_another_unit():
     assert [line["wall_s_mean_s"] for line in published] == ["45.0", "60.0", "150.0", "5.0"]
 
 
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r", "\n"])
+def test_csv_text_is_no_formula_and_numbers_stay_numbers(start):
+    title = f"{start}HYPERLINK(1)"
+    table = geometry_table([replace(r, method={**r.method, "title": title}) for r in HULL])
+    below_zero = {"chamfer": replace(table.rows[0].cells["chamfer"], value=-1.5)}
+    table = replace(table, rows=(replace(table.rows[0], cells=below_zero),))
+    (line,) = csv.DictReader(io.StringIO(to_csv(table), newline=""))
+    assert line["title"] == "'" + title.replace("\r", " ")
+    assert line["chamfer_mean_mm"] == "-1.5"
+
+
 @pytest.mark.parametrize("title", ["a|b", "a\nb", "*bold* `code` <b>", "[x](y)"])
 def test_markdown_rows_keep_their_columns_whatever_a_method_is_called(title):
     method = {**HULL[0].method, "title": title}

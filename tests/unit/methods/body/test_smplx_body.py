@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,6 +45,16 @@ def model_arrays() -> dict[str, np.ndarray]:
         "lmk_faces_idx": np.zeros(51, dtype=np.int64),
         "lmk_bary_coords": np.full((51, 3), 1 / 3),
     }
+
+
+class Planted:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, trap: Path) -> None:
+        self.trap = trap
+
+    def __reduce__(self):
+        return Path.touch, (self.trap,)
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +135,32 @@ def test_a_pickled_model_is_the_same(body, model_file, tmp_path):
     torch.testing.assert_close(SmplxBody(path)(neutral(body))[0], body(neutral(body))[0])
 
 
+@pytest.mark.slow
+def test_what_the_body_does_not_need_is_never_rebuilt(body, tmp_path):
+    """Real files hold tables of names as arrays of objects, older ones other packages' objects."""
+    trap = tmp_path / "trap"
+    names = {"pelvis": 0}
+    extra = {"joint2num": np.array(names, dtype=object), "part2num": names, "chumpy": Planted(trap)}
+    for name in ("SMPLX_NEUTRAL.npz", "SMPLX_NEUTRAL.pkl"):
+        path = tmp_path / name
+        if path.suffix == ".npz":
+            np.savez(path, **model_arrays(), **extra)
+        else:
+            path.write_bytes(pickle.dumps({**extra, **model_arrays()}, protocol=2))
+        torch.testing.assert_close(SmplxBody(path)(neutral(body))[0], body(neutral(body))[0])
+    assert not trap.exists()
+    for name in ("weights.npz", "weights.pkl"):
+        path = tmp_path / name
+        arrays = {**model_arrays(), "weights": Planted(trap)}
+        if path.suffix == ".npz":
+            np.savez(path, **arrays)
+        else:
+            path.write_bytes(pickle.dumps(arrays))
+        with pytest.raises(DataError, match="is no SMPL-X model .*weights"):
+            SmplxBody(path)
+    assert not trap.exists()
+
+
 @pytest.mark.parametrize("name", ["", "absent.npz"])
 def test_no_file_says_where_to_get_it(tmp_path, name):
     with pytest.raises(MissingPart, match="smpl-x.is.tue.mpg.de"):
@@ -138,8 +175,12 @@ def test_wrong_files_are_refused(tmp_path):
     smaller = {**model_arrays(), "weights": np.ones((10475, 24)) / 24}
     other = tmp_path / "other.npz"
     np.savez(other, **smaller)
-    with pytest.raises(DataError, match="another model.*lbs_weights"):
+    with pytest.raises(DataError, match="another model: its weights has another shape"):
         SmplxBody(other)
+    astray = tmp_path / "astray.npz"
+    np.savez(astray, **{**model_arrays(), "f": np.full((20908, 3), 10475)})
+    with pytest.raises(DataError, match="is damaged: f points at nothing"):
+        SmplxBody(astray)
     text = tmp_path / "model.txt"
     text.write_text("x")
     with pytest.raises(DataError, match=r"an \.npz or \.pkl"):

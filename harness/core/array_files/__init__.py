@@ -1,0 +1,1 @@
+"""Files of arrays from strangers: pickles and NPZ, read without running what else they hold."""

@@ -1,0 +1,43 @@
+"""What datasets, splits, recipes, protocols, subjects, methods and runs may be called.
+
+Names become folders, so the rule is one, and every place that makes a path of a name applies it.
+"""
+
+from __future__ import annotations
+
+import re
+
+from harness.core.errors import HarnessError
+
+__all__ = ["NAME_RULE", "checked_name", "is_name"]
+
+_MOST_LETTERS = 64
+_NAME = re.compile(rf"(?!.*\.\.)[A-Za-z0-9_][A-Za-z0-9_.+-]{{0,{_MOST_LETTERS - 1}}}")
+
+#: The rule in words, for messages.
+NAME_RULE = (
+    f"at most {_MOST_LETTERS} letters (a to z), digits and - _ . +, "
+    "with a letter, digit or _ first and no two dots together"
+)
+
+
+def is_name(text: str) -> bool:
+    """Whether a text may be a name."""
+    return _NAME.fullmatch(text) is not None
+
+
+def checked_name(kind: str, text: str) -> str:
+    """The text itself, if it may be a name.
+
+    Args:
+        kind: What it names, for the message, such as ``run``.
+        text: The name.
+
+    Raises:
+        HarnessError: it may not.
+    """
+    if not is_name(text):
+        raise HarnessError(
+            f"{text[:_MOST_LETTERS]!r} cannot be the name of a {kind}", expected=NAME_RULE
+        )
+    return text
