@@ -22,8 +22,8 @@ _FIGURES = "figures"
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
 
 #: Methods in the figures: all of them side by side would be too small to see.
-_DRAWN = ("hull8", "econ", "mexecon2", "mexecon8")
-_DRAWN_BODIES = ("body-front", "body-average", "jmbo8")
+_DRAWN = ("hull8", "econ", "mexecon2", "mexecon8", "mexecon+")
+_DRAWN_BODIES = ("body-front", "body-average", "jmbo8", "jmbo8+")
 
 
 @dataclass(frozen=True, slots=True)
