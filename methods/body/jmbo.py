@@ -120,14 +120,14 @@ def optimise(
         if weights.early_stop and not weights.batch and _converged(costs):
             ended = "converged"
             break
-    kept = -1 if keeps_last else int(np.argmin(costs))
-    return Fit(best, tuple(costs), _first_and_kept(terms, kept), ended)
+    return Fit(best, tuple(costs), _first_and_kept(costs, terms, keeps_last=keeps_last), ended)
 
 
 def _first_and_kept(
-    terms: Sequence[Mapping[str, float]], kept: int
+    costs: Sequence[float], terms: Sequence[Mapping[str, float]], *, keeps_last: bool
 ) -> dict[str, tuple[float, float]]:
     """Each term at the start and at the iterate that is kept."""
+    kept = -1 if keeps_last else int(np.argmin(costs))
     return {name: (value, terms[kept][name]) for name, value in terms[0].items()} if terms else {}
 
 

@@ -2,24 +2,26 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from harness.core.artifacts import Reconstruction, Scan
+from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.mesh_files import save_mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
-from harness.pipeline.cell_worker import _told
-from harness.pipeline.cost import StageMeter
+from harness.pipeline.cell import Truth, scores_of
 from harness.pipeline.progress import Silent
 from harness.pipeline.scoring import FolderRequest, score_folder, score_pair
 from harness.pipeline.store import RunStore
 
 PROTOCOL = MetricProtocol("mexecon", 2, 2000, "independent", "sample-to-sample")
+#: Neither body nor normals are scored here, so no photo is looked at.
+NO_PHOTOS = Capture("toy", "person", "none", "key", Path(), ())
 MISTAKES = {
     "millimetres": (np.eye(3) * 1000, (0.0, 0.0, 0.0), "units?"),
     "feet at the origin": (np.eye(3), (0.0, 0.9, 0.0), "frame?"),
@@ -62,11 +64,11 @@ def misplaced(name: str) -> Mesh:
 def test_a_methods_own_result_is_a_number_with_a_warning(name):
     scan = Scan("toy", "t1", person().source, "metres", "+z", np.eye(4), {})
     result = Reconstruction(mesh=misplaced(name))
-    told = _told(result, (scan, person()), PROTOCOL, StageMeter())
-    assert all(np.isfinite(metric["value"]) for metric in told["metrics"].values())
-    assert told["metrics"]["chamfer"]["value"] > 50
-    (warning,) = [text for text in told["details"]["warnings"] if MISTAKES[name][2] in text]
-    json.dumps(told, allow_nan=False)
+    told = scores_of(result, NO_PHOTOS, Truth.read(scan, person()), PROTOCOL)
+    assert all(np.isfinite(metric.value) for metric in told.metrics.values())
+    assert told.metrics["chamfer"].value > 50
+    (warning,) = [text for text in told.details["warnings"] if MISTAKES[name][2] in text]
+    json.dumps(told.details, allow_nan=False)
     assert "person" in warning
 
 
