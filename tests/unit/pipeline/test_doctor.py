@@ -78,7 +78,7 @@ def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypa
 
 def test_a_method_whose_network_is_not_there_is_not_usable(tmp_path, monkeypatch):
     monkeypatch.setattr(installed, "shipped_place", lambda: installed.Place("shipped", tmp_path))
-    monkeypatch.setattr("methods.econ.econ", econ.configured({"normals": "open"}))
+    monkeypatch.setattr("methods.econ.econ", econ.configured({"surface.normals": "open"}))
     found = {finding.name: finding for finding in doctor._catalogued()}
     assert not found["econ"].usable
     assert "no network 'open-normals'" in found["econ"].note

@@ -106,7 +106,7 @@ def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
         protocol=PROTOCOL,
         store=RunStore(tmp_path / "runs"),
     )
-    records = score_folder(request, Silent())
+    records = [outcome.record for outcome in score_folder(request, Silent())]
     assert [record.status for record in records] == ["ok", "failed", "failed", "failed"]
     for record, (_, _, word) in zip(records[1:], MISTAKES.values(), strict=True):
         assert word in record.reason

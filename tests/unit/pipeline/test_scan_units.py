@@ -51,7 +51,7 @@ def records(tmp_path_factory):
         store = RunStore(place / name)
         target = ("plates", dataset, place / "scans", ("0001",))
         request = FolderRequest(place / "meshes", name, name, target, PROTOCOL, store)
-        return score_folder(request, Silent())[0]
+        return score_folder(request, Silent())[0].record
 
     return scored("units", "own"), scored("metres", "centred")
 

@@ -14,6 +14,7 @@ from harness.core.protocols import MethodInfo
 from harness.data.manifest import load_manifest
 from harness.geometry.images import save_png
 from harness.pipeline import cell_worker
+from harness.pipeline.inputs import evaluated
 from harness.pipeline.sources import Source
 from harness.pipeline.workspace import Workspace
 
@@ -68,13 +69,18 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     filed = source.ensure_capture("t1", lambda *_: None)
     witness = Witness()
     monkeypatch.setattr(cell_worker, "resolve_method", lambda *_: witness)
+    monkeypatch.setattr(cell_worker, "method_module", lambda _: "methods.gt")
+    protocol = manifest.protocol("exact")
+    inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
     cell = world / "cell"
     cell.mkdir()
     job = {
         "subject": "t1", "source": source.to_job(), "method": "witness", "settings": {},
-        "protocol": "exact", "seed": 0, "cell": str(cell), "keep": False,
+        "protocol": "exact", "seed": 0, "key": inputs.key, "inputs": inputs.to_dict(),
+        "folder": str(cell), "keep": False,
     }  # fmt: skip
     told = cell_worker.handle(job, lambda *_: None)
+    assert told["status"] == "ok", told["reason"]
 
     assert told["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
     front, back = (witness.shown.cameras[view] for view in witness.info.views)
