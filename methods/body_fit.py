@@ -161,6 +161,18 @@ class BodyFit:
             capture: The photos.
             context: As in ``reconstruct``.
         """
+        from methods.body.fit_frame import fit_frame, in_frame, out_of_frame
+
+        frame = fit_frame(views)
+        cameras = tuple(camera.in_frame(frame) for camera in capture.cameras)
+        own_capture = replace(capture, cameras=cameras)
+        found, details = self._fit(body, in_frame(views, frame), own_capture, context)
+        return out_of_frame(found, frame), details
+
+    def _fit(
+        self, body: ParametricBody, views: Views, capture: Capture, context: Context
+    ) -> tuple[dict[str, Any], dict[str, object]]:
+        """As ``fit``, all in the frame of the fit."""
         from methods.body.landmark_fit import average, fit_each_view
 
         with context.stage("single views"):

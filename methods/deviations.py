@@ -134,6 +134,12 @@ _FIT = (
         "the body model is another",
     ),
     Deviation(
+        "frame of the fit",
+        "the first view's camera",
+        "the first view's, but upright and around the subject",
+        "the head term needs to know what is up",
+    ),
+    Deviation(
         "last step",
         "the mesh of the last rendered iteration",
         "the parameters of the last evaluated iteration",
