@@ -119,7 +119,7 @@ _FIT = (
         "pixels of the normal term",
         "all",
         "a regular subset of at most 2 500 a view",
-        "as good a mean in a sixth of the time",
+        "time; about every sixth pixel of the body is looked at",
     ),
     Deviation(
         "learning-rate schedule",
