@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 # Before any test imports torch or Open3D: many small computations, a few cores, several workers.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# A job in the background of a script starts with SIGINT ignored, and tests send it to themselves.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import hypothesis
 import numpy as np
