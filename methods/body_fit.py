@@ -133,8 +133,7 @@ class BodyFit:
 
         wanted = [view for view in self.views if view < len(capture.cameras)]
         lent = context.privileged
-        uses_oracle = self.settings.compares_normals and self.settings.normals == "oracle"
-        normals = lent[Privilege.ORACLE_NORMALS] if uses_oracle else None
+        normals = lent[Privilege.ORACLE_NORMALS] if self.settings.uses_oracle else None
         centre = lent[Privilege.SUBJECT_CENTRE] if self._is_given_centre() else None
         with context.stage("landmarks"):
             views = load_views(capture, wanted, self.settings.subject_px, normals, centre)
@@ -221,13 +220,12 @@ class BodyFit:
         return len(self.views) == 1 and self.settings.depth == "subject-centre"
 
     def _privileges(self) -> tuple[Privilege, ...]:
-        uses_oracle = self.settings.compares_normals and self.settings.normals == "oracle"
         return (
             Privilege.KNOWN_CAMERAS,
             Privilege.EXACT_MASKS,
             *((Privilege.GENERATOR_PRIOR,) if self.settings.model == "anny" else ()),
             *((Privilege.SUBJECT_CENTRE,) if self._is_given_centre() else ()),
-            *((Privilege.ORACLE_NORMALS,) if uses_oracle else ()),
+            *((Privilege.ORACLE_NORMALS,) if self.settings.uses_oracle else ()),
         )
 
 

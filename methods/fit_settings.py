@@ -56,6 +56,11 @@ class FitSettings(Weights):
         """Whether a normal network is run."""
         return self.compares_normals and self.normals == "open"
 
+    @property
+    def uses_oracle(self) -> bool:
+        """Whether the scan's normals are asked for, which is a privilege."""
+        return self.compares_normals and self.normals == "oracle"
+
     def in_use(self, views: int) -> dict[str, object]:
         """The settings that a fit to so many views depends on, by name."""
         unused = set[str]() if self.stage == "jmbo" else {field.name for field in fields(Weights)}

@@ -51,10 +51,10 @@ class Place:
         return float(camera.forward @ (self.centre - camera.position))
 
 
-def mask_box(mask: Mask) -> tuple[float, float, float, float]:
+def mask_box(mask: Mask) -> tuple[int, int, int, int]:
     """Left, top, right and bottom of a mask (H, W) that is true somewhere, in pixels."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return float(columns[0]), float(rows[0]), float(columns[-1] + 1), float(rows[-1] + 1)
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def place_of(cameras: Sequence[Camera], masks: Sequence[Mask]) -> Place:
@@ -87,7 +87,7 @@ def place_of(cameras: Sequence[Camera], masks: Sequence[Mask]) -> Place:
 
 
 def _spanned(
-    centre: Floats, cameras: Sequence[Camera], boxes: Sequence[tuple[float, float, float, float]]
+    centre: Floats, cameras: Sequence[Camera], boxes: Sequence[tuple[int, int, int, int]]
 ) -> Place:
     """The place around a middle, with what the boxes (left, top, right, bottom) span there."""
     depths = [float(camera.forward @ (centre - camera.position)) for camera in cameras]

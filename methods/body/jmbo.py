@@ -220,17 +220,14 @@ class _Problem:
             for view, metres in zip(views.views, self.evidence.metres_per_px.tolist(), strict=True)
         ]
         self.views = views.views
-        self.normals: list[NormalTarget | None] = [
-            None
-            if view.normals_camera is None
-            else NormalTarget(Projector(view.camera), view.normals_camera, view.side_px**2)
-            for view in views.views
-        ]
+        self.compare_with([view.normals_camera for view in views.views])
 
-    def compare_with(self, normals_camera: Sequence[NDArray[np.float64]]) -> None:
-        """Take other normals (H, W, 3) of the views, map frame, from now on."""
+    def compare_with(self, normals_camera: Sequence[NDArray[np.float64] | None]) -> None:
+        """Take these normals (H, W, 3) of the views, map frame, from now on; None for none."""
         self.normals = [
-            NormalTarget(Projector(view.camera), normals, view.side_px**2)
+            None
+            if normals is None
+            else NormalTarget(Projector(view.camera), normals, view.side_px**2)
             for view, normals in zip(self.views, normals_camera, strict=True)
         ]
 

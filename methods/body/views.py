@@ -12,7 +12,7 @@ from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.images import load_mask, resampled
-from harness.geometry.place import Place, place_of
+from harness.geometry.place import Place, mask_box, place_of
 from methods.body.detection import Detections, detect
 
 __all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
@@ -70,9 +70,8 @@ class Views:
 
 def frame_side_px(inside: NDArray[np.bool_]) -> float:
     """Side of the square that losses refer to: a little more than the subject's box, pixels."""
-    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    longest = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
-    return float(FRAME_MARGIN * longest)
+    left, top, right, bottom = mask_box(inside)
+    return FRAME_MARGIN * max(bottom - top, right - left)
 
 
 def load_views(

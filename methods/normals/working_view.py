@@ -11,6 +11,7 @@ from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.images import composite, load_rgba, resampled
+from harness.geometry.place import mask_box
 
 __all__ = ["WorkingView", "working_view"]
 
@@ -67,11 +68,9 @@ def working_view(capture: Capture, index: int, resolution: int) -> WorkingView:
 
 def _square(inside: Mask) -> tuple[int, int, int]:
     """Left, top and side in whole pixels of the square around a mask (H, W)."""
-    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    longest = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
-    side = int(np.ceil(longest / _FILLED))
-    left, top = (int((line[0] + line[-1] + 1 - side) // 2) for line in (columns, rows))
-    return left, top, side
+    left, top, right, bottom = mask_box(inside)
+    side = int(np.ceil(max(bottom - top, right - left) / _FILLED))
+    return (left + right - side) // 2, (top + bottom - side) // 2, side
 
 
 def _cut(image: Floats, left: int, top: int, side: int) -> Floats:
