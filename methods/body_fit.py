@@ -19,7 +19,7 @@ from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo, Part
 from harness.core.settings import by_room, overridden
-from methods.body import detection
+from methods.body.photos import detection
 from methods.deviations import BODY_AVERAGE, BODY_FRONT, JMBO_WITHOUT_HEAD, PUBLISHED_JMBO
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO, JMBO_PLUS, FitSettings
@@ -27,8 +27,8 @@ from methods.normals import NormalChoice
 from methods.published import Published
 
 if TYPE_CHECKING:
-    from methods.body.model import Parameters, ParametricBody, Posed
-    from methods.body.views import Views
+    from methods.body.models.model import Parameters, ParametricBody, Posed
+    from methods.body.photos.views import Views
 
 __all__ = [
     "BodyFit",
@@ -129,7 +129,7 @@ class BodyFit:
 
     def fitted(self, capture: Capture, context: Context) -> FittedBody:
         """The fitted body; arguments and errors are those of ``reconstruct``."""
-        from methods.body.views import load_views
+        from methods.body.photos.views import load_views
 
         wanted = [view for view in self.views if view < len(capture.cameras)]
         lent = context.privileged
@@ -160,7 +160,7 @@ class BodyFit:
             capture: The photos.
             context: As in ``reconstruct``.
         """
-        from methods.body.fit_frame import fit_frame, in_frame, out_of_frame
+        from methods.body.fit.fit_frame import fit_frame, in_frame, out_of_frame
 
         frame = fit_frame(views)
         cameras = tuple(camera.in_frame(frame) for camera in capture.cameras)
@@ -172,7 +172,7 @@ class BodyFit:
         self, body: ParametricBody, views: Views, capture: Capture, context: Context
     ) -> tuple[dict[str, Any], dict[str, object]]:
         """As ``fit``, all in the frame of the fit."""
-        from methods.body.landmark_fit import average, fit_each_view
+        from methods.body.fit.landmark_fit import average, fit_each_view
 
         with context.stage("single views"):
             singles = fit_each_view(body.sparse(), views.views, views.detections)
@@ -196,7 +196,7 @@ class BodyFit:
         capture: Capture,
         context: Context,
     ) -> tuple[dict[str, Any], dict[str, object]]:
-        from methods.body.jmbo import optimise
+        from methods.body.fit.jmbo import optimise
 
         normals_of = None
         if self.settings.wants_network:
@@ -232,16 +232,16 @@ class BodyFit:
 def body_model(settings: FitSettings) -> ParametricBody:
     """The body that some settings name, loaded."""
     if settings.model == "smplx":
-        from methods.body.smplx_body import SmplxBody
+        from methods.body.models.smplx_body import SmplxBody
 
         return SmplxBody(settings.model_file)
-    from methods.body.anny_body import AnnyBody
+    from methods.body.models.anny_body import AnnyBody
 
     return AnnyBody()
 
 
 def _parts(settings: FitSettings) -> tuple[Part, ...]:
-    from methods.body.parts import body_part
+    from methods.body.models.parts import body_part
 
     return (
         body_part(settings.model, settings.model_file),
@@ -254,7 +254,7 @@ def _joint_landmarks(
     body: ParametricBody, views: Views, start: Parameters
 ) -> tuple[Views, dict[str, Any], dict[str, object]]:
     """The views with left and right put right, the body that their landmarks agree on, details."""
-    from methods.body.landmark_fit import fit_jointly, swapped_views
+    from methods.body.fit.landmark_fit import fit_jointly, swapped_views
 
     sparse = body.sparse()
     parameters = fit_jointly(sparse, views.views, views.detections, start)
@@ -281,7 +281,7 @@ def _view_details(views: Views) -> dict[str, object]:
 
 
 def _exported(body: ParametricBody, parameters: dict[str, Any]) -> Body:
-    from methods.body.model import MAIN_JOINTS
+    from methods.body.models.model import MAIN_JOINTS
 
     posed = _posed(body, parameters)
     points = body.landmark_points(posed)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import unit_normals
 from harness.geometry.sides import SidedRaycaster
-from methods.body.views import Views
+from methods.body.photos.views import Views
 from methods.normals import NormalChoice, view_maps, working_view
 
 __all__ = ["EstimatedNormals"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from harness.core.settings import check_choice
-from methods.body.weights import Weights
+from methods.body.fit.weights import Weights
 
 __all__ = ["ECON_FIT", "JMBO", "JMBO_PLUS", "FitSettings"]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege

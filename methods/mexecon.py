@@ -22,11 +22,11 @@ from dataclasses import replace
 
 from harness.core.mesh import Mesh
 from methods.body_fit import BodyFit
+from methods.clothed import ClothedMethod, ClothedSettings, SheetPlan
 from methods.deviations import MEXECON, MEXECON_CEILING
 from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import ViewMaps
 from methods.surface import FrontBackDepth, SheetParameters
-from methods.surface.clothed import ClothedMethod, ClothedSettings, SheetPlan
 from methods.surface.sheets import depth_sheet
 
 __all__ = ["mexecon2", "mexecon8", "mexecon_plus", "oracle8"]

@@ -4,7 +4,7 @@ Points are drawn on both surfaces. How far the predicted ones lie from the true 
 accuracy; how far the true ones lie from the predicted surface is the completeness, which alone
 punishes holes. Chamfer combines both directions. Nothing here moves, scales or crops anything.
 
-Before: ``methods/hull.py``. After: ``harness/pipeline/evaluate.py``.
+Before: ``methods/hull.py``. After: ``harness/pipeline/run/evaluate.py``.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.errors import DataError, HarnessError
-from harness.core.hashing import derive_seed
+from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.records import MetricValue
 from harness.core.settings import MetricProtocol

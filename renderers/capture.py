@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from harness.core.artifacts import Capture, Scan, image_name
-from harness.core.files import atomic_directory, write_json
-from harness.core.frames import write_transforms_json
-from harness.core.hashing import content_hash, file_sha256
+from harness.core.cameras.frames import write_transforms_json
+from harness.core.files.atomic import atomic_directory, write_json
+from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.mesh import Mesh
+from harness.core.process.source_digest import SourceTree
 from harness.core.settings import RenderRecipe
-from harness.core.source_digest import SourceTree
 from renderers.catalog import RENDERERS
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import Progress, Renderer, RenderOutcome, silent, texture_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness.core.registry import Registry
+from harness.core.process.registry import Registry
 
 __all__ = ["RENDERERS"]
 

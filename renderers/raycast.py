@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import image_name
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgb, save_png, srgb_from_linear

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 
 __all__ = ["KEY_SIDE_M", "key_light_position", "square_light_radiance"]
 

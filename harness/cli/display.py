@@ -23,7 +23,7 @@ from rich.progress import (
 from harness.cli.progress_lines import ProgressLines
 
 if TYPE_CHECKING:
-    from harness.pipeline.captures import CaptureOutcome
+    from harness.pipeline.inputs.captures import CaptureOutcome
 
 __all__ = ["Bars", "tell"]
 

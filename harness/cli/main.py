@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from harness import __version__
-from harness.cli import (
+from harness.cli.verbs import (
     check,
     data,
     doctor,
@@ -27,7 +27,7 @@ from harness.cli import (
     weights,
 )
 from harness.core.errors import HarnessError
-from harness.core.interrupts import Interrupted, stopped_by_signals
+from harness.core.process.interrupts import Interrupted, stopped_by_signals
 
 __all__ = ["app", "main"]
 

@@ -95,7 +95,7 @@ def split_names(text: str) -> tuple[str, ...]:
     Raises:
         HarnessError: something that is no name.
     """
-    from harness.core.names import checked_name
+    from harness.core.files.names import checked_name
     from harness.data.manifest import subject_range
 
     names = [name.strip() for name in text.split(",") if name.strip()]

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.rigs import views_from_front
 from harness.core.errors import DataError, MethodError
-from harness.core.files import read_json
-from harness.core.hashing import file_sha256
+from harness.core.files.atomic import read_json
+from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
-from harness.core.rigs import views_from_front
 
 __all__ = [
     "CAPTURE_SCHEMA",

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
-from harness.core.files import read_json, write_json
+from harness.core.files.atomic import read_json, write_json
 from harness.core.units import UNITS_RULE
 
 __all__ = ["RECORD_SCHEMA", "MetricValue", "Record", "Status"]

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, did_you_mean
-from harness.core.hashing import content_hash
-from harness.core.rigs import RingRig
+from harness.core.files.hashing import content_hash
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

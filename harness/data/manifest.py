@@ -15,9 +15,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
-from harness.core.names import NAME_RULE, is_name
-from harness.core.rigs import RingRig
+from harness.core.files.names import NAME_RULE, is_name
 from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
 from harness.data.yaml_lines import read_yaml

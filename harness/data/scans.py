@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from harness.core.array_files.pickles import read_array_pickle
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
-from harness.core.hashing import file_sha256
+from harness.core.files.hashing import file_sha256
+from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
-from harness.core.mesh_files import load_mesh
-from harness.core.source_digest import SourceTree
+from harness.core.process.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
 from harness.data.thuman import find_subject
 

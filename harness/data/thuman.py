@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.hashing import file_sha256
+from harness.core.files.hashing import file_sha256
 
 __all__ = ["FileCheck", "SubjectFiles", "check_subject", "find_subject"]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.core.errors import DataError
-from harness.core.files import atomic_path
+from harness.core.files.atomic import atomic_path
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 
 __all__ = ["MEAN_HEIGHT_M", "Place", "mask_box", "place_of"]

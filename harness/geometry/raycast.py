@@ -13,8 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.core.camera import Camera
-from harness.core.frames import OPENCV_TO_BLENDER_CAMERA
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
 from harness.geometry.screen import Rectangle, screen_rectangle
 from harness.geometry.surface import vertex_normals

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 
 __all__ = ["Rectangle", "screen_rectangle"]
 

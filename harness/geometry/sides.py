@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Hits, Raycaster
 

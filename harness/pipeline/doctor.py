@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 
 from harness.core.errors import HarnessError, MissingPart
 from harness.data.manifest import Manifest
-from harness.pipeline.inventory import check_tree
-from harness.pipeline.workspace import Workspace
+from harness.pipeline.inputs.inventory import check_tree
+from harness.pipeline.inputs.workspace import Workspace
 
 __all__ = ["Finding", "examine"]
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from harness.core.errors import HarnessError
 from harness.data.manifest import Manifest
-from harness.pipeline.evaluate import EvalSummary, evaluate
-from harness.pipeline.pictures import FIGURES
-from harness.pipeline.plan import EvalRequest
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
-from harness.pipeline.reporting import ReportRequest, build_table, in_order, write_tables
-from harness.pipeline.sources import Source
-from harness.pipeline.store import RunStore
-from harness.pipeline.workspace import Workspace
+from harness.pipeline.report.figures import FIGURES
+from harness.pipeline.report.tables import ReportRequest, build_table, in_order, write_tables
+from harness.pipeline.run.evaluate import EvalSummary, evaluate
+from harness.pipeline.run.plan import EvalRequest
+from harness.pipeline.run.store import RunStore
 
 __all__ = ["QuickstartResult", "quickstart"]
 

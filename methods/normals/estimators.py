@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError, MethodError
 from harness.core.privileges import Privilege
 from harness.core.protocols import NormalEstimator, Part

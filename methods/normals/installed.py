@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
-from harness.core.files import atomic_path, exclusive_lock, read_json, write_json
-from harness.core.hashing import file_sha256
-from harness.core.names import NAME_RULE, is_name
+from harness.core.files.atomic import atomic_path, exclusive_lock, read_json, write_json
+from harness.core.files.hashing import file_sha256
+from harness.core.files.names import NAME_RULE, is_name
 from harness.core.protocols import Part
 from methods.normals.onnx_estimator import OnnxNormals
 from methods.normals.onnx_files import network_stamp

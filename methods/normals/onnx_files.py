@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import DataError, MissingPart
-from harness.core.hashing import file_sha256
+from harness.core.files.hashing import file_sha256
 
 __all__ = ["network_sha256", "network_stamp"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.images import composite, load_rgba, resampled
 from harness.geometry.place import mask_box

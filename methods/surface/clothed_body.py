@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
+from harness.core.process.workers import run_worker
 from harness.core.settings import RenderRecipe
-from harness.core.workers import run_worker
 from harness.geometry.images import load_rgba, save_png
 from renderers.blender.scene import describe, vertices_in_blender
 from renderers.protocol import Progress, RenderOutcome, texture_of

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import image_name
-from harness.core.camera import Camera, look_at
+from harness.core.cameras.camera import Camera, look_at
+from harness.core.cameras.frames import BLENDER_TO_WORLD, camera_to_blender
 from harness.core.errors import DataError
-from harness.core.frames import BLENDER_TO_WORLD, camera_to_blender
-from harness.core.hashing import derive_seed
+from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.geometry.screen import screen_rectangle

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 from harness.core.errors import DataError
-from harness.core.workers import worker_main
+from harness.core.process.workers import worker_main
 from renderers.blender.scene import BlenderView, KeyLight, Scene
 
 #: In order of preference.

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from harness.core.errors import HarnessError, did_you_mean
-from reports.geometry import geometry_table
-from reports.paired import paired_table
 from reports.published.printed import PUBLISHED
 from reports.published.stored import STORED_METHODS, SUBJECTS, stored_records
-from reports.tables import Interval, Row, Table
+from reports.tables.geometry import geometry_table
+from reports.tables.paired import paired_table
+from reports.tables.table import Interval, Row, Table
 
 __all__ = ["published_differences", "published_means"]
 

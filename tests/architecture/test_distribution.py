@@ -91,7 +91,7 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
     assert {name.split("/")[0] for name in code} == PACKAGES
     assert "harness/data/data_manifest.yaml" in code
     others = [name for name in code if not name.endswith(".py")]
-    assert "harness/core/camera.py" in code
+    assert "harness/core/cameras/camera.py" in code
     unexpected = [name for name in others if Path(name).suffix not in SHIPPED_DATA]
     assert set(unexpected) <= {f"{WEIGHTS}/PROVENANCE.md", f"{PUBLISHED}/PROVENANCE.md"}
 

@@ -29,7 +29,11 @@ def imported(*arguments: str) -> set[str]:
     "arguments",
     [
         ("-c", "import harness"),
-        ("-c", "import harness.core.mesh_files, harness.core.records, harness.core.workers"),
+        (
+            "-c",
+            "import harness.core.formats.mesh_files, harness.core.records; "
+            "import harness.core.process.workers",
+        ),
         ("-c", "import harness.data, methods, metrics, renderers, reports, methods.catalog"),
         ("-m", "harness.cli.main", "--help"),
         (SCRIPT, "--help"),

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
+from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from harness.core.rigs import RingRig
 from harness.geometry.place import Place
 from harness.geometry.raycast import Raycaster
-from methods.body.anny_body import AnnyBody
-from methods.body.detection import COUNT, Detections
-from methods.body.jmbo import optimise
-from methods.body.model import neutral
-from methods.body.views import View, Views, frame_side_px
-from methods.body.weights import Weights
+from methods.body.fit.jmbo import optimise
+from methods.body.fit.weights import Weights
+from methods.body.models.anny_body import AnnyBody
+from methods.body.models.model import neutral
+from methods.body.photos.detection import COUNT, Detections
+from methods.body.photos.views import View, Views, frame_side_px
 
 # Measured on one busy core: 0.15 s an iteration of 8 views at 256 px; the bound leaves room for
 # noise, and 60 iterations within it end well before the 45 s that a subject may take.

@@ -12,22 +12,22 @@ from functools import partial
 import numpy as np
 import pytest
 
+from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from harness.geometry.sides import SidedRaycaster
+from methods.clothed import integrated
 from methods.normals import (
     NormalChoice,
     ViewMaps,
     WorkingView,
     view_maps,
 )
+from methods.stages import Stages, contact_sheet
 from methods.surface import FrontBackDepth, front_back_sheets
-from methods.surface.clothed import integrated
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import FrontBackParameters
 from methods.surface.fusion import FusionParameters, concatenated, fused
-from methods.surface.pictures import Stages, contact_sheet
 from methods.surface.pinches import open_edges
 
 RESOLUTION = 256

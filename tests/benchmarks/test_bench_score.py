@@ -18,10 +18,10 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
-from harness.core.mesh_files import save_mesh
 from harness.core.settings import MetricProtocol
-from harness.pipeline.scoring import score_pair
+from harness.pipeline.run.elsewhere import score_pair
 
 MEXECON = MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
 LEAST_SPEEDUP = 2.5
@@ -129,7 +129,7 @@ def test_scoring_half_a_million_faces_is_faster_than_the_plain_way(benchmark, in
 MILLION = """
 import json, resource, sys, time
 from pathlib import Path
-from harness.core.mesh_files import load_mesh
+from harness.core.formats.mesh_files import load_mesh
 from harness.core.settings import MetricProtocol
 from metrics.score import score
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.pipeline.plan import resolve_method
+from harness.pipeline.run.plan import resolve_method
 from methods.published import SET_BY_USER, Published
 from methods.surface.front_back import FrontBackParameters
 

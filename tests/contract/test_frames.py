@@ -10,14 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from harness.core.artifacts import Capture, image_name
+from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context
-from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.sides import SidedRaycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.plan import resolve_method
+from harness.pipeline.run.plan import resolve_method
 from methods.catalog import METHODS
 
 SMALL = {
@@ -34,8 +34,8 @@ MOST_MM = 2.0
 def figure() -> Mesh:
     import torch
 
-    from methods.body.anny_body import AnnyBody
-    from methods.body.model import neutral
+    from methods.body.models.anny_body import AnnyBody
+    from methods.body.models.model import neutral
 
     body = AnnyBody()
     parameters = neutral(body)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import image_name
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.core.rigs import RingRig
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import linear_from_srgb, load_mask, load_rgba, save_png
 from harness.geometry.raycast import Raycaster

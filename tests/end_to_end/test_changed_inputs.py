@@ -9,18 +9,19 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.workers import run_worker
+from harness.core.process.workers import run_worker
 from harness.data.manifest import load_manifest
-from harness.pipeline import captures, cell_worker, evaluate, plan
+from harness.pipeline.inputs import captures
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.sources import Source
-from harness.pipeline.store import RunStore
-from harness.pipeline.workspace import Workspace
+from harness.pipeline.run import cell_worker, evaluate, plan
+from harness.pipeline.run.store import RunStore
 from methods.hull import VisualHull
 
 pytestmark = pytest.mark.slow
 
-CELL_WORKER = "harness.pipeline.cell_worker"
+CELL_WORKER = "harness.pipeline.run.cell_worker"
 
 
 class Told(Silent):

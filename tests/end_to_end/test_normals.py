@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from harness.core.mesh_files import load_mesh
+from harness.core.formats.mesh_files import load_mesh
 
 PARTS = ("head", "torso", "dress", "dress", "legs", "legs")
 MODULE = """

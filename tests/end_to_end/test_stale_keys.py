@@ -19,16 +19,17 @@ USED = {
     "methods/hull.py": "changed: code of methods.hull",
     "metrics/distance.py": "changed: code of metrics.distance",
     "metrics/regions.py": "changed: code of metrics.regions",
-    "harness/pipeline/cell.py": "changed: code of harness.pipeline.cell",
+    "harness/pipeline/run/cell.py": "changed: code of harness.pipeline.run.cell",
     "harness/core/privileges.py": "changed: code of harness.core.privileges",
     "renderers/raycast.py": "photos stale: changed: code of renderers.raycast",
     "harness/core/formats/obj.py": "photos stale: changed: code of harness.core.formats.obj",
 }
 UNUSED = (
-    "methods/body/jmbo.py", "methods/normals/network.py", "methods/surface/clothed.py",
-    "methods/gt.py", "methods/catalog.py", "reports/latex.py", "harness/cli/report.py",
-    "harness/pipeline/body_scoring.py", "harness/pipeline/normal_scoring.py",
-    "harness/pipeline/plan.py", "harness/data/manifest.py", "renderers/blender/scene.py",
+    "methods/body/fit/jmbo.py", "methods/normals/training/network.py", "methods/clothed.py",
+    "methods/gt.py", "methods/catalog.py", "reports/formats/latex.py",
+    "harness/cli/verbs/report.py",
+    "harness/pipeline/scoring/bodies.py", "harness/pipeline/scoring/normals.py",
+    "harness/pipeline/run/plan.py", "harness/data/manifest.py", "renderers/blender/scene.py",
     "renderers/proof.py",
 )  # fmt: skip
 

@@ -18,14 +18,14 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 from harness.data.manifest import load_manifest
-from harness.pipeline.evaluate import evaluate
-from harness.pipeline.plan import EvalRequest
+from harness.pipeline.run.evaluate import evaluate
+from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.progress import Silent
-from harness.pipeline.reporting import ReportRequest, build_table
-from harness.pipeline.sources import Source
-from harness.pipeline.store import RunStore
-from harness.pipeline.workspace import Workspace
-import harness.core.workers, importlib
+from harness.pipeline.report.tables import ReportRequest, build_table
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.run.store import RunStore
+from harness.pipeline.inputs.workspace import Workspace
+import harness.core.process.workers, importlib
 
 # The workers' steps in this process, so that the modules that they load can be seen.
 def here(module, job, **_):

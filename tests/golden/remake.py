@@ -5,10 +5,10 @@ After a wanted change of the output, run ``python tests/golden/remake.py`` and r
 
 from pathlib import Path
 
-from harness.pipeline.reporting import FORMATS
-from harness.pipeline.store import RunStore
-from reports.cost import cost_table
-from reports.geometry import geometry_table
+from harness.pipeline.report.tables import FORMATS
+from harness.pipeline.run.store import RunStore
+from reports.tables.cost import cost_table
+from reports.tables.geometry import geometry_table
 
 HERE = Path(__file__).parent
 

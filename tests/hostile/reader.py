@@ -27,7 +27,7 @@ def _reader(kind: str) -> Callable[[Path], object]:
     if kind == "smplx":
         import smplx  # noqa: F401
 
-        from methods.body.smplx_file import load_model
+        from methods.body.models.smplx_file import load_model
 
         return load_model
     if kind == "manifest":
@@ -41,7 +41,7 @@ def _reader(kind: str) -> Callable[[Path], object]:
 
         Image.init()
         return lambda path: load_rgba(path) if path.suffix == ".png" else load_rgb(path)
-    from harness.core.mesh_files import load_mesh
+    from harness.core.formats.mesh_files import load_mesh
 
     return load_mesh
 

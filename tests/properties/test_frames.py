@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.core.camera import Camera
-from harness.core.frames import (
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.frames import (
     BLENDER_TO_WORLD,
     camera_from_blender,
     camera_to_blender,

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.cameras.frames import rotation_from_quaternion
 from harness.core.errors import DataError
-from harness.core.frames import rotation_from_quaternion
 from harness.core.mesh import Mesh
 
 __all__ = ["read_glb"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.errors import DataError
-from harness.core.files import atomic_path
+from harness.core.files.atomic import atomic_path
 from harness.core.formats.mtl import texture_image
 from harness.core.mesh import Mesh
 

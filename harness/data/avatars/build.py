@@ -7,28 +7,28 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.hashing import derive_seed
-from harness.core.workers import Progress
-from harness.data.avatars.atlas import unwrap
-from harness.data.avatars.bake import TEXTURE_SIZE, bake, face_labels, face_owners
-from harness.data.avatars.body import SKIN_VERTICES, Body, Posed, carry, reference_body
+from harness.core.files.hashing import derive_seed
+from harness.core.process.workers import Progress
 from harness.data.avatars.checks import check_avatar
-from harness.data.avatars.deformation import deformed_body
-from harness.data.avatars.drape import Draped, drape
-from harness.data.avatars.extras import collar, shoes
-from harness.data.avatars.hair import grow_hair
-from harness.data.avatars.landmarks import trunk_axis
-from harness.data.avatars.layer import Layer, cloth_layer, merge
-from harness.data.avatars.nearness import Nearness
-from harness.data.avatars.paint import painters, skin_masks
-from harness.data.avatars.patterns import cut_bottom, cut_top
-from harness.data.avatars.poses import joint_rotations
-from harness.data.avatars.quads import Floats, border_loops, compact, triangles, vertex_normals
+from harness.data.avatars.clothes.drape import Draped, drape
+from harness.data.avatars.clothes.extras import collar, shoes
+from harness.data.avatars.clothes.layer import Layer, cloth_layer, merge
+from harness.data.avatars.clothes.patterns import cut_bottom, cut_top
+from harness.data.avatars.clothes.wardrobe import long_sleeved
+from harness.data.avatars.mesh.atlas import unwrap
+from harness.data.avatars.mesh.nearness import Nearness
+from harness.data.avatars.mesh.quads import Floats, border_loops, compact, triangles, vertex_normals
+from harness.data.avatars.mesh.scanner import scanned
+from harness.data.avatars.mesh.shell import Shell, cap, outer_shell
+from harness.data.avatars.people.body import SKIN_VERTICES, Body, Posed, carry, reference_body
+from harness.data.avatars.people.deformation import deformed_body
+from harness.data.avatars.people.landmarks import trunk_axis
+from harness.data.avatars.people.poses import joint_rotations
 from harness.data.avatars.recipe import AvatarRecipe
-from harness.data.avatars.scanner import scanned
-from harness.data.avatars.shell import Shell, cap, outer_shell
+from harness.data.avatars.skin.bake import TEXTURE_SIZE, bake, face_labels, face_owners
+from harness.data.avatars.skin.hair import grow_hair
+from harness.data.avatars.skin.paint import painters, skin_masks
 from harness.data.avatars.stored import load_drape
-from harness.data.avatars.wardrobe import long_sleeved
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]

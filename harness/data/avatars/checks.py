@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
-from harness.core.rigs import RingRig
-from harness.data.avatars.nearness import Nearness
-from harness.data.avatars.quads import Floats, Ints
+from harness.data.avatars.mesh.nearness import Nearness
+from harness.data.avatars.mesh.quads import Floats, Ints
 
 __all__ = ["check_avatar"]
 

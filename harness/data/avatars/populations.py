@@ -14,8 +14,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from harness.core.hashing import derive_seed
-from harness.data.avatars.looks import (
+from harness.core.files.hashing import derive_seed
+from harness.data.avatars.clothes.looks import (
     SEALED_PALETTE,
     TRAINING_PALETTE,
     Palette,
@@ -25,10 +25,10 @@ from harness.data.avatars.looks import (
     draw_top,
     one_of,
 )
-from harness.data.avatars.poses import POSES, Pose
-from harness.data.avatars.postures import KINDS, Figure, draw_pose
+from harness.data.avatars.clothes.wardrobe import Bottom, Top
+from harness.data.avatars.people.poses import POSES, Pose
+from harness.data.avatars.people.postures import KINDS, Figure, draw_pose
 from harness.data.avatars.subjects import Deformation, Person, Subject
-from harness.data.avatars.wardrobe import Bottom, Top
 
 __all__ = [
     "LEAST_POSE_DISTANCE_DEG",

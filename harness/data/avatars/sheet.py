@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.rigs import RingRig
+from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
-from harness.core.mesh_files import load_mesh
-from harness.core.rigs import RingRig
-from harness.data.avatars.quads import Floats
+from harness.data.avatars.mesh.quads import Floats
 
 if TYPE_CHECKING:
     from harness.geometry.raycast import Raycaster

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.files import atomic_path
-from harness.core.hashing import content_hash
-from harness.data.avatars.drape import DrapeCheck, Draped
-from harness.data.avatars.patterns import Piece
+from harness.core.files.atomic import atomic_path
+from harness.core.files.hashing import content_hash
+from harness.data.avatars.clothes.drape import DrapeCheck, Draped
+from harness.data.avatars.clothes.patterns import Piece
+from harness.data.avatars.clothes.wardrobe import Bottom, Top
 from harness.data.avatars.recipe import AvatarRecipe
-from harness.data.avatars.wardrobe import Bottom, Top
 
 __all__ = ["DRAPE_VERSION", "drape_key", "load_drape", "save_drape"]
 

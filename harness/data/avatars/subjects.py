@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from harness.data.avatars.poses import Pose
-from harness.data.avatars.wardrobe import (
+from harness.data.avatars.clothes.wardrobe import (
     Bottom,
     Colour,
     Fabric,
@@ -26,6 +25,7 @@ from harness.data.avatars.wardrobe import (
     t_shirt,
     wide_trousers,
 )
+from harness.data.avatars.people.poses import Pose
 
 __all__ = ["SUBJECTS", "Deformation", "Person", "Subject"]
 

@@ -11,8 +11,8 @@ import re
 
 import numpy as np
 
-from harness.core.hashing import derive_seed
-from harness.data.avatars.looks import (
+from harness.core.files.hashing import derive_seed
+from harness.data.avatars.clothes.looks import (
     TRAINING_PALETTE,
     draw_bottom,
     draw_hair,
@@ -20,7 +20,7 @@ from harness.data.avatars.looks import (
     draw_top,
     one_of,
 )
-from harness.data.avatars.poses import POSES
+from harness.data.avatars.people.poses import POSES
 from harness.data.avatars.subjects import Person, Subject
 
 __all__ = ["TRAINING_ID", "training_subject"]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.files import atomic_directory
-from harness.data.avatars.quads import Floats, Ints
+from harness.core.files.atomic import atomic_directory
+from harness.data.avatars.mesh.quads import Floats, Ints
 
 __all__ = ["TexturedMesh", "write_avatar"]
 

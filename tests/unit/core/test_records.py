@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, StageCost, image_name
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
-from harness.core.files import read_json, write_json
+from harness.core.files.atomic import read_json, write_json
 from harness.core.records import MetricValue, Record
-from harness.core.rigs import RingRig
 
 RECORD = Record(
     key="0123456789abcdef",

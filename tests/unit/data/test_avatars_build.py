@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from harness.core.errors import DataError
-from harness.core.mesh_files import load_mesh
+from harness.core.formats.mesh_files import load_mesh
 from harness.data.avatars import (
     AVATARS_VERSION,
     avatar_sheet,
@@ -17,9 +17,9 @@ from harness.data.avatars import (
     stored,
     subject_ids,
 )
-from harness.data.avatars.body import Body
 from harness.data.avatars.build import drape_recipe
-from harness.data.avatars.faces import neighbours
+from harness.data.avatars.mesh.faces import neighbours
+from harness.data.avatars.people.body import Body
 from harness.data.avatars.stored import drape_key, load_drape, save_drape
 
 pytestmark = pytest.mark.slow

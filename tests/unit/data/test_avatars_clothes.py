@@ -4,19 +4,27 @@ import numpy as np
 import pytest
 
 from harness.core.errors import MethodError
-from harness.data.avatars import drape as drape_module
-from harness.data.avatars.body import SKIN_VERTICES, Body, carry
 from harness.data.avatars.checks import check_avatar
-from harness.data.avatars.drape import DrapeCheck, drape
-from harness.data.avatars.extras import shoes
-from harness.data.avatars.hair import grow_hair
-from harness.data.avatars.landmarks import heights
-from harness.data.avatars.nearness import Nearness
-from harness.data.avatars.patterns import cut_bottom, cut_top
-from harness.data.avatars.poses import POSES, joint_rotations
-from harness.data.avatars.quads import border_loops, triangles, vertex_normals
+from harness.data.avatars.clothes import drape as drape_module
+from harness.data.avatars.clothes.drape import DrapeCheck, drape
+from harness.data.avatars.clothes.extras import shoes
+from harness.data.avatars.clothes.patterns import cut_bottom, cut_top
+from harness.data.avatars.clothes.wardrobe import (
+    Fabric,
+    Hair,
+    coat,
+    dress,
+    skirt,
+    t_shirt,
+    wide_trousers,
+)
+from harness.data.avatars.mesh.nearness import Nearness
+from harness.data.avatars.mesh.quads import border_loops, triangles, vertex_normals
+from harness.data.avatars.people.body import SKIN_VERTICES, Body, carry
+from harness.data.avatars.people.landmarks import heights
+from harness.data.avatars.people.poses import POSES, joint_rotations
 from harness.data.avatars.recipe import recipe_for, subject_ids
-from harness.data.avatars.wardrobe import Fabric, Hair, coat, dress, skirt, t_shirt, wide_trousers
+from harness.data.avatars.skin.hair import grow_hair
 
 pytestmark = pytest.mark.slow
 

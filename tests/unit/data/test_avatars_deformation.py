@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.data.avatars.body import SKIN_VERTICES, Body, carry, reference_body
-from harness.data.avatars.deformation import deformed_body, free_share, skin_areas
-from harness.data.avatars.poses import joint_rotations
+from harness.data.avatars.people.body import SKIN_VERTICES, Body, carry, reference_body
+from harness.data.avatars.people.deformation import deformed_body, free_share, skin_areas
+from harness.data.avatars.people.poses import joint_rotations
 from harness.data.avatars.recipe import recipe_for
 
 pytestmark = pytest.mark.slow
@@ -130,7 +130,7 @@ def test_the_true_body_tells_that_its_parameters_do_not_give_it(recipe, body, pl
 
 @pytest.mark.parametrize("kind", ["s", "u"])
 def test_arms_of_the_posed_bodies_are_clear_of_the_rest(kind):
-    from harness.data.avatars.nearness import Nearness
+    from harness.data.avatars.mesh.nearness import Nearness
 
     subject = {"s": "s06", "u": "u00014"}[kind]  # the narrowest of the first
     recipe = recipe_for(subject)

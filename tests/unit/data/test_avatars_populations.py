@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.hashing import content_hash
+from harness.core.files.hashing import content_hash
+from harness.data.avatars.people.poses import POSES, Limb, Pose
+from harness.data.avatars.people.postures import (
+    Figure,
+    draw_pose,
+    is_possible,
+    mirrored,
+    pose_distance_deg,
+)
 from harness.data.avatars.populations import (
     LEAST_POSE_DISTANCE_DEG,
     USUAL_HEIGHT,
     USUAL_WEIGHT,
     sealed_ids,
     sealed_subject,
-)
-from harness.data.avatars.poses import POSES, Limb, Pose
-from harness.data.avatars.postures import (
-    Figure,
-    draw_pose,
-    is_possible,
-    mirrored,
-    pose_distance_deg,
 )
 from harness.data.avatars.recipe import recipe_for, subject_ids
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage.measure import marching_cubes
 
-from harness.data.avatars.scanner import scanned
+from harness.data.avatars.mesh.scanner import scanned
 
 
 @pytest.fixture(scope="module")

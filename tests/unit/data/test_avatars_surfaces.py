@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.data.avatars.atlas import _pack, rasterize, unwrap
-from harness.data.avatars.faces import connected, neighbours, without_islands
-from harness.data.avatars.nearness import Nearness, keep_off
-from harness.data.avatars.quads import (
+from harness.data.avatars.mesh.atlas import _pack, rasterize, unwrap
+from harness.data.avatars.mesh.faces import connected, neighbours, without_islands
+from harness.data.avatars.mesh.nearness import Nearness, keep_off
+from harness.data.avatars.mesh.quads import (
     border_loops,
     grid,
     refine,
@@ -16,7 +16,7 @@ from harness.data.avatars.quads import (
     triangles,
     vertex_normals,
 )
-from harness.data.avatars.shell import Shell, cap, outer_shell
+from harness.data.avatars.mesh.shell import Shell, cap, outer_shell
 
 
 def sheet(rows, columns):

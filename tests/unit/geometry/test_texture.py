@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.core.camera import Camera, look_at
+from harness.core.cameras.camera import Camera, look_at
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from harness.geometry.texture import linear_texture, texture_at

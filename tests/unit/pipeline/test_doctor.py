@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.files import write_json
-from harness.core.hashing import file_sha256
+from harness.core.files.atomic import write_json
+from harness.core.files.hashing import file_sha256
 from harness.pipeline import doctor
 from methods.econ import econ
 from methods.normals import installed

@@ -9,8 +9,8 @@ import pytest
 
 import renderers.raycast
 from harness.core.artifacts import Capture
+from harness.core.cameras.frames import read_transforms_json
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
-from harness.core.frames import read_transforms_json
 from harness.geometry.images import load_rgba
 from renderers.capture import CaptureInputs, capture
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
+from harness.core.cameras.frames import read_published_cameras
 from harness.core.formats.obj import write_obj
-from harness.core.frames import read_published_cameras
 from harness.core.mesh import Mesh
 from harness.data.manifest import Dataset, load_manifest
 from harness.data.scans import load_scan

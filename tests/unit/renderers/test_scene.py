@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.camera import Camera, look_at
+from harness.core.cameras.camera import Camera, look_at
+from harness.core.cameras.frames import BLENDER_TO_WORLD
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
-from harness.core.frames import BLENDER_TO_WORLD
-from harness.core.rigs import RingRig
 from renderers.blender.scene import BlenderCamera, Scene, describe, vertices_in_blender
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.core.rigs import RingRig
+from harness.core.cameras.rigs import RingRig
 from renderers.studio import key_light_position, square_light_radiance
 
 

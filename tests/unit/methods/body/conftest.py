@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.camera import Camera, look_at
+from harness.core.cameras.camera import Camera, look_at
 
 
 def _sphere(radius: float = 0.5, rings: int = 48) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +60,7 @@ def _spheres():
 
 @pytest.fixture(name="anny", scope="session")
 def _anny():
-    from methods.body.anny_body import AnnyBody
+    from methods.body.models.anny_body import AnnyBody
 
     return AnnyBody()
 
@@ -70,7 +70,7 @@ def _person(anny):
     """Parameters of one bent body, its posed values, and its landmarks."""
     import torch
 
-    from methods.body.model import neutral
+    from methods.body.models.model import neutral
 
     generator = torch.Generator().manual_seed(3)
     parameters = neutral(anny)
@@ -85,7 +85,7 @@ def _person(anny):
 
 
 def _ring(count: int, pitch_deg: float = 0.0, height: int = 288) -> tuple[Camera, ...]:
-    from harness.core.rigs import RingRig
+    from harness.core.cameras.rigs import RingRig
 
     rig = RingRig(views=count, pitch_deg=pitch_deg)
     return rig.cameras(height * 9 // 16, height)
@@ -100,8 +100,8 @@ def _make_views(anny, person):
     from harness.core.mesh import Mesh
     from harness.geometry.place import Place
     from harness.geometry.raycast import Raycaster
-    from methods.body.detection import COUNT, Detections
-    from methods.body.views import View, Views, frame_side_px
+    from methods.body.photos.detection import COUNT, Detections
+    from methods.body.photos.views import View, Views, frame_side_px
 
     hips = [list(anny.landmarks.landmarks).index(hip) for hip in (23, 24)]
 

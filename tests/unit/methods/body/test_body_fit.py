@@ -15,8 +15,8 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from methods.body.detection import detect
-from methods.body.views import load_views
+from methods.body.photos.detection import detect
+from methods.body.photos.views import load_views
 from methods.body_fit import BodyFit, body_average, body_front, jmbo8, jmbo8_plus
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from methods.body.detection import COUNT, MIRRORED, Reading, agreed
+from methods.body.photos.detection import COUNT, MIRRORED, Reading, agreed
 
 WIDTH = 300
 

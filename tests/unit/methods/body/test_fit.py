@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from methods.body.detection import MIRRORED
-from methods.body.jmbo import head_cost, optimise
-from methods.body.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
-from methods.body.model import box_middle, neutral
-from methods.body.weights import Weights
+from methods.body.fit.jmbo import head_cost, optimise
+from methods.body.fit.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
+from methods.body.fit.weights import Weights
+from methods.body.models.model import box_middle, neutral
+from methods.body.photos.detection import MIRRORED
 
 
 @pytest.fixture(autouse=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from harness.core.camera import Camera
-from methods.body.model import MAIN_JOINTS, neutral
-from methods.body.projection import Projector
+from harness.core.cameras.camera import Camera
+from methods.body.fit.projection import Projector
+from methods.body.models.model import MAIN_JOINTS, neutral
 
 
 def test_neutral_body_stands_upright_and_faces_forward(anny):

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from harness.geometry.surface import vertex_normals as reference_normals
-from methods.body.normal_maps import NormalTarget, Skin, normal_cost, seen_normals
-from methods.body.projection import Projector
-from methods.body.surface import BodySurface, Topology, vertex_normals
+from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost, seen_normals
+from methods.body.fit.projection import Projector
+from methods.body.fit.surface import BodySurface, Topology, vertex_normals
 
 
 def skin_of(vertices, faces):

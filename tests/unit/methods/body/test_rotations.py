@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from methods.body.rotations import mean_rotation, mean_rotation_vector, upright
+from methods.body.fit.rotations import mean_rotation, mean_rotation_vector, upright
 
 
 def test_mean_of_turns_about_one_axis_is_the_mean_angle():

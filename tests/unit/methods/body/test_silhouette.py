@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from methods.body.projection import Projector
-from methods.body.silhouette import SilhouetteTarget, clothed, silhouette_cost
-from methods.body.surface import BodySurface, Topology
+from methods.body.fit.projection import Projector
+from methods.body.fit.silhouette import SilhouetteTarget, clothed, silhouette_cost
+from methods.body.fit.surface import BodySurface, Topology
 
 
 def smooth_coverage(camera, centre, width):

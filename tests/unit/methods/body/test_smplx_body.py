@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from harness.core.errors import DataError, MissingPart
-from methods.body.model import neutral
-from methods.body.smplx_body import SmplxBody
+from methods.body.models.model import neutral
+from methods.body.models.smplx_body import SmplxBody
 
 PARENTS = [
     -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.core.errors import HarnessError, MethodError, MissingPart
-from harness.core.hashing import content_hash
+from harness.core.files.hashing import content_hash
 from harness.geometry.sides import SidedRaycaster
-from harness.pipeline.plan import resolve_method
+from harness.pipeline.run.plan import resolve_method
 from methods.econ import econ
 from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.view_maps import filled_normals

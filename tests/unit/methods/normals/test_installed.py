@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError, HarnessError, MissingPart
-from harness.core.hashing import file_sha256
+from harness.core.files.hashing import file_sha256
 from methods.normals import installed
 
 

@@ -5,9 +5,9 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from methods.normals.export import export_network  # noqa: E402
-from methods.normals.network import MULTIPLE, Mirrored, NormalNetwork  # noqa: E402
 from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
+from methods.normals.training.export import export_network  # noqa: E402
+from methods.normals.training.network import MULTIPLE, Mirrored, NormalNetwork  # noqa: E402
 
 ABOUT = {"name": "test", "licence": "CC0-1.0", "training_set": "none", "window": "mask"}
 

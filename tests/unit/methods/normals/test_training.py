@@ -10,10 +10,10 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from harness.core.errors import DataError, HarnessError  # noqa: E402
-from methods.normals import training  # noqa: E402
-from methods.normals.network import NormalNetwork  # noqa: E402
-from methods.normals.samples import Samples  # noqa: E402
-from methods.normals.training import TrainingSettings, chord, judged, train  # noqa: E402
+from methods.normals.training import loop  # noqa: E402
+from methods.normals.training.loop import TrainingSettings, chord, judged, train  # noqa: E402
+from methods.normals.training.network import NormalNetwork  # noqa: E402
+from methods.normals.training.samples import Samples  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)
@@ -52,7 +52,7 @@ def _samples(tmp_path):
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    monkeypatch.setattr(training, "NormalNetwork", lambda: NormalNetwork(8, (16, 16, 16, 16)))
+    monkeypatch.setattr(loop, "NormalNetwork", lambda: NormalNetwork(8, (16, 16, 16, 16)))
 
 
 def silent(steps, line):

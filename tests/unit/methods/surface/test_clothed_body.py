@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from methods.surface.clothed_body import Outline, believed, clothed_body, ways_out_m
 

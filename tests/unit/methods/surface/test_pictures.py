@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.camera import Camera
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from harness.core.rigs import RingRig
 from methods.normals import ViewMaps, WorkingView
-from methods.surface.pictures import Stages, contact_sheet, normal_colours, shaded
+from methods.stages import Stages, contact_sheet, normal_colours, shaded
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.camera import Camera, look_at
+from harness.core.cameras.camera import Camera, look_at
 from harness.core.errors import DataError
 from methods.surface import SheetParameters, front_back_sheets
 from methods.surface.sheets import without_small_components

@@ -1,0 +1,1 @@
+"""The camera, its rigs, and the conventions of other programs."""

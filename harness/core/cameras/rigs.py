@@ -1,0 +1,86 @@
+"""Camera rigs: named arrangements of cameras around the subject."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.cameras.camera import Camera, look_at
+
+__all__ = ["RingRig", "camera_yaw_deg", "focal_length_px", "views_from_front"]
+
+
+def focal_length_px(lens_mm: float, sensor_mm: float, width: int, height: int) -> float:
+    """Focal length in pixels of a lens whose sensor is fitted to the image's longer side."""
+    return lens_mm / sensor_mm * max(width, height)
+
+
+def camera_yaw_deg(camera: Camera) -> float:
+    """Where a camera stands, degrees in [0, 360): 0 is +Z, growing towards +X.
+
+    Rounded to a millionth of a degree, so that cameras of one rig compare as they were meant.
+    """
+    x, _, z = camera.position
+    return round(math.degrees(math.atan2(x, z)), 6) % 360
+
+
+def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> tuple[int, ...]:
+    """The numbers of all views, the frontal one first, then by yaw towards the subject's left.
+
+    The frontal view is the one that stands nearest to where the subject faces, by default +Z. Of
+    eight even views the third is then the left side and the fifth the back, however a rig numbers
+    them.
+    """
+    yaws_deg = [round(camera_yaw_deg(camera) - front_yaw_deg, 6) % 360 for camera in cameras]
+    front_deg = min(yaws_deg, key=lambda yaw_deg: min(yaw_deg, 360 - yaw_deg), default=0.0)
+    return tuple(
+        sorted(range(len(yaws_deg)), key=lambda view: round(yaws_deg[view] - front_deg, 6) % 360)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RingRig:
+    """Cameras evenly spaced on a circle round the origin, all at one pitch.
+
+    Yaw is 0 in front of the subject (on +Z) and grows towards its left (+X). By default view 0 is
+    frontal, so that of eight views number 2 is on +X and number 4 is the back: our ``ring8``. The
+    published file numbers the same eight places from +X on, with number 6 in front.
+
+    Attributes:
+        views: Number of cameras.
+        radius_m: Distance of every camera from the origin, metres.
+        pitch_deg: How far the cameras are lifted above the horizon, degrees; they keep looking at
+            the origin.
+        lens_mm: Focal length, millimetres.
+        sensor_mm: Sensor length along the image's longer side, millimetres.
+        first_yaw_deg: Yaw of view 0, degrees.
+    """
+
+    views: int = 8
+    radius_m: float = 3.0
+    pitch_deg: float = 0.0
+    lens_mm: float = 50.0
+    sensor_mm: float = 36.0
+    first_yaw_deg: float = 0.0
+
+    def cameras(self, width: int, height: int) -> tuple[Camera, ...]:
+        """The rig's cameras for images of ``width`` x ``height`` pixels, by number."""
+        focal = focal_length_px(self.lens_mm, self.sensor_mm, width, height)
+        K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+        pitch = math.radians(self.pitch_deg)
+        cameras: list[Camera] = []
+        for view in range(self.views):
+            yaw = math.radians(self.first_yaw_deg) + 2 * math.pi * view / self.views
+            direction = np.array(
+                [
+                    math.cos(pitch) * math.sin(yaw),
+                    math.sin(pitch),
+                    math.cos(pitch) * math.cos(yaw),
+                ]
+            )
+            extrinsic = look_at(self.radius_m * direction, np.zeros(3))
+            cameras.append(Camera(K=K, world_to_camera=extrinsic, width=width, height=height))
+        return tuple(cameras)

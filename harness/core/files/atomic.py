@@ -1,0 +1,192 @@
+"""Writing that is all or nothing, and locks that a killed process lets go of."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import glob
+import json
+import os
+import shutil
+import time
+import uuid
+from collections.abc import Generator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from harness.core.errors import DataError
+from harness.core.process.interrupts import require_not_stopped
+
+__all__ = [
+    "atomic_directory",
+    "atomic_path",
+    "exclusive_lock",
+    "read_json",
+    "remove_leftovers",
+    "write_json",
+    "write_text",
+]
+
+_LOCK_POLL_S = 0.05
+#: Only writing runs into these; the kernel does not say for which file.
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+
+
+@contextlib.contextmanager
+def atomic_path(path: Path) -> Generator[Path]:
+    """A temporary path beside ``path`` that becomes ``path`` when the block ends well.
+
+    The file is synced and renamed; when the block raises, nothing is left behind.
+
+    Raises:
+        DataError: a full disk or a missing right; names ``path``. Whatever else goes wrong in the
+            block, such as an input that cannot be read, is raised as it is.
+    """
+    temporary = _temporary_sibling(path)
+    try:
+        with _explained(path, temporary):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            _sync(temporary)
+            temporary.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+@contextlib.contextmanager
+def atomic_directory(path: Path) -> Generator[Path]:
+    """A temporary folder that replaces ``path`` as a whole when the block ends well.
+
+    Raises:
+        DataError: as ``atomic_path``.
+    """
+    temporary = _temporary_sibling(path)
+    try:
+        with _explained(path, temporary):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.mkdir()
+            yield temporary
+            for file in temporary.rglob("*"):
+                if file.is_file():
+                    _sync(file)
+            _put_in_place(temporary, path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _put_in_place(temporary: Path, path: Path) -> None:
+    """Rename a folder to ``path``; what stood there is removed last, or put back."""
+    retired = _temporary_sibling(path)
+    if path.exists():
+        path.rename(retired)
+    try:
+        temporary.rename(path)
+    except OSError:
+        if retired.exists():
+            retired.rename(path)
+        raise
+    shutil.rmtree(retired, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _explained(path: Path, temporary: Path) -> Generator[None]:
+    """Turn an ``OSError`` about writing ``path`` into a ``DataError``; let others pass."""
+    try:
+        yield
+    except OSError as error:
+        file = Path(error.filename) if isinstance(error.filename, str) else None
+        ours = file is not None and (file.is_relative_to(temporary) or path.is_relative_to(file))
+        if not ours and error.errno not in _NO_ROOM:
+            raise
+        raise DataError(
+            f"could not write {path}: {error.strerror or error}",
+            hint="Nothing half-written was left: free space or fix the rights, and run again",
+        ) from error
+
+
+def _temporary_sibling(path: Path) -> Path:
+    # The suffix stays last: writers such as Pillow and numpy choose the format by it.
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part{path.suffix}")
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what writers of ``path`` that were killed half-way left beside it.
+
+    Call it only while holding the lock under which ``path`` is written.
+    """
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part*"):
+        if leftover.is_dir():
+            shutil.rmtree(leftover, ignore_errors=True)
+        else:
+            leftover.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, value: Mapping[str, object]) -> None:
+    """Write indented JSON atomically; refuses NaN and infinity, which JSON does not have."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    Raises:
+        DataError: no such file, not JSON (with line and column), or not an object.
+    """
+    try:
+        value: object = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise DataError(f"no file at {path}") from error
+    except OSError as error:
+        raise DataError(f"could not read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{path} is not valid JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise DataError(
+            f"{path} is not a JSON object", expected="{ ... }", got=type(value).__name__
+        )
+    return cast(dict[str, Any], value)
+
+
+@contextlib.contextmanager
+def exclusive_lock(path: Path) -> Generator[None]:
+    """Hold the lock file ``path``; waits while another process or thread holds it.
+
+    The kernel releases it when its holder dies, however it dies, so no stale lock can remain.
+
+    Raises:
+        Interrupted: the run was stopped while it waited.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as stream:
+        while not _locked(stream.fileno()):
+            require_not_stopped()
+            time.sleep(_LOCK_POLL_S)
+        try:
+            yield
+        finally:
+            fcntl.flock(stream, fcntl.LOCK_UN)
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether the lock could be taken at once; a thread that sleeps in the kernel hears nothing."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

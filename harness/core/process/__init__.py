@@ -1,0 +1,1 @@
+"""Running code: child processes, interrupts, names resolved late, and what a result depends on."""

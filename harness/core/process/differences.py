@@ -1,0 +1,59 @@
+"""What differs between two sets of inputs, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, cast
+
+from harness.core.files.hashing import canonical_json
+
+__all__ = ["differences", "listed_differences"]
+
+_LONGEST = 40
+_SHOWN = 4
+#: Values of these keys are hashes: that one changed is all that can be told.
+_HASHED = ("code", "sha256")
+_WORDS = {"code": "code of", "packages": "package", "sha256": "file"}
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """One entry per value that is not the same, such as ``package scipy 1.17.1 -> 1.18.0``.
+
+    Nested mappings are told by their path; below ``code`` are digests by module, below
+    ``packages`` versions by name, below ``sha256`` hashes by file.
+    """
+    return list(_walk((), before, now))
+
+
+def listed_differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """The first few differences in one line, and how many more there are."""
+    found = differences(before, now)
+    more = [f"{len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
+    return ", ".join([*found[:_SHOWN], *more])
+
+
+def _walk(path: tuple[str, ...], before: Any, now: Any) -> Iterator[str]:
+    # As JSON, because what was read from a file has lists for tuples.
+    if canonical_json(before) == canonical_json(now):
+        return
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        old, new = cast(Mapping[str, Any], before), cast(Mapping[str, Any], now)
+        for name in dict.fromkeys([*old, *new]):
+            yield from _walk((*path, name), old.get(name), new.get(name))
+        return
+    yield _told(path, before, now)
+
+
+def _told(path: tuple[str, ...], before: Any, now: Any) -> str:
+    *_, kind, last = ("", *path)
+    name = f"{_WORDS[kind]} {last}" if kind in _WORDS else " ".join(path)
+    old, new = _text(before), _text(now)
+    if kind in _HASHED or max(len(old), len(new)) > _LONGEST:
+        if before is None or now is None:
+            return f"{name} ({'new' if before is None else 'gone'})"
+        return name
+    return f"{name} {old} -> {new}"
+
+
+def _text(value: Any) -> str:
+    return "none" if value in (None, "") else str(value)

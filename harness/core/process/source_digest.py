@@ -1,0 +1,267 @@
+"""The source code that a result depends on, as one digest per module, found without importing it.
+
+From some modules on, every ``import`` is followed, those inside functions too, as long as it leads
+into the same packages; what lies outside is told as the version of its distribution. Comments,
+docstrings, formatting, ``__version__`` and imports for type checkers alone do not count.
+
+Two kinds of text name a module without importing it. The dotted name of a worker, such as
+``"renderers.blender.worker"``, is followed; a registry's target, such as
+``"methods.hull:hull8"``, is not, or everything that can be chosen would count as chosen.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import importlib.util
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+
+from harness.core.errors import HarnessError
+
+__all__ = ["OUR_PACKAGES", "SourceDigest", "SourceTree"]
+
+#: The packages that live beside each other in this distribution.
+OUR_PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
+
+_DIGITS = 16
+_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
+
+
+@dataclass(frozen=True, slots=True)
+class SourceDigest:
+    """What code a result depends on.
+
+    Attributes:
+        modules: Digest of each module's code, by dotted name.
+        packages: Version of each distribution that the modules import, by name; empty where it is
+            not installed.
+        identifiers: All names that a module's code has, by module.
+    """
+
+    modules: Mapping[str, str]
+    packages: Mapping[str, str]
+    identifiers: Mapping[str, frozenset[str]] = field(
+        default_factory=dict[str, frozenset[str]], repr=False
+    )
+
+    def __or__(self, other: SourceDigest) -> SourceDigest:
+        """Both together, sorted by name."""
+        return SourceDigest(
+            dict(sorted({**self.modules, **other.modules}.items())),
+            dict(sorted({**self.packages, **other.packages}.items())),
+            {**self.identifiers, **other.identifiers},
+        )
+
+    def uses(self, identifier: str) -> bool:
+        """Whether a module other than the core's own has a name."""
+        return any(
+            identifier in names
+            for module, names in self.identifiers.items()
+            if not module.startswith("harness.core.")
+        )
+
+    def to_dict(self) -> dict[str, dict[str, str]]:
+        """Plain JSON values: what decides a result."""
+        return {"code": dict(self.modules), "packages": dict(self.packages)}
+
+
+class SourceTree:
+    """Packages whose modules are followed.
+
+    Args:
+        places: Folder of each package, or file of each top-level module, by its name.
+    """
+
+    def __init__(self, places: Mapping[str, Path]) -> None:
+        self._places = dict(places)
+
+    @classmethod
+    def below(cls, folder: Path) -> SourceTree:
+        """Our own packages in a folder."""
+        return cls({name: folder / name for name in OUR_PACKAGES})
+
+    @classmethod
+    def installed(cls, module: str = "harness") -> SourceTree:
+        """Our own packages as they are imported here, and the top-level one of another module.
+
+        Raises:
+            HarnessError: the module's package is not there, or has no source.
+        """
+        beside = Path(__file__).resolve().parents[3]
+        top = module.partition(".")[0]
+        other = {} if top in OUR_PACKAGES else {top: _place_of(top)}
+        return cls({**{name: beside / name for name in OUR_PACKAGES}, **other})
+
+    def digest(self, roots: Sequence[str], without: Sequence[str] = ()) -> SourceDigest:
+        """The code that modules and all that they import consist of.
+
+        Args:
+            roots: Dotted names to start from.
+            without: Modules that are neither counted nor followed.
+
+        Raises:
+            HarnessError: a root that does not exist, or a module that is not Python.
+        """
+        for root in roots:
+            if self._file(root) is None:
+                raise HarnessError(f"there is no source of the module '{root}'")
+        found: dict[str, _Module] = {}
+        outside: set[str] = set()
+        waiting = list(roots)
+        while waiting:
+            for name in _with_parents(waiting.pop()):
+                path = None if name in found or name in without else self._file(name)
+                if path is None:
+                    continue
+                found[name] = module = _parsed(path, name, *_stamp(path))
+                tops = {wanted: wanted.partition(".")[0] for wanted in module.imports}
+                outside |= {top for top in tops.values() if top not in self._places}
+                waiting += [wanted for wanted in tops if tops[wanted] in self._places]
+                waiting += [text for text in module.texts if self._file(text) is not None]
+        return SourceDigest(
+            {name: found[name].digest for name in sorted(found)},
+            _versions(outside - sys.stdlib_module_names),
+            {name: module.identifiers for name, module in found.items()},
+        )
+
+    def _file(self, name: str) -> Path | None:
+        """The file of a module or package; None for what is no module, such as a class in one."""
+        top, _, rest = name.partition(".")
+        place = self._places.get(top)
+        if place is None:
+            return None
+        if place.is_file():
+            return None if rest else place
+        stem = place.joinpath(*rest.split(".")) if rest else place
+        for path in (stem / "__init__.py", stem.with_name(f"{stem.name}.py")):
+            if path.is_file():
+                return path
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Module:
+    """One file.
+
+    Attributes:
+        digest: Of its code.
+        imports: Everything that it may import, as full dotted names; the last part of some is an
+            object in a module.
+        texts: Its strings that have the form of a dotted name.
+        identifiers: All names in its code.
+    """
+
+    digest: str
+    imports: tuple[str, ...]
+    texts: tuple[str, ...]
+    identifiers: frozenset[str]
+
+
+@functools.cache
+def _parsed(path: Path, name: str, _changed_ns: int, _size: int) -> _Module:
+    try:
+        tree = _Stripped().visit(ast.parse(path.read_bytes()))
+    except (SyntaxError, ValueError) as error:
+        raise HarnessError(f"{path} is no Python module", got=str(error)) from error
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    imports: dict[str, None] = {}
+    texts: dict[str, None] = {}
+    identifiers: set[str] = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import():
+                imports |= dict.fromkeys(alias.name for alias in node.names)
+            case ast.ImportFrom():
+                origin = _origin(node, package)
+                imports |= dict.fromkeys(f"{origin}.{alias.name}" for alias in node.names)
+                identifiers |= {alias.name for alias in node.names}
+            case ast.Constant(value=str(text)) if _DOTTED.fullmatch(text):
+                texts[text] = None
+            case ast.Name():
+                identifiers.add(node.id)
+            case ast.Attribute():
+                identifiers.add(node.attr)
+            case _:
+                pass
+    digest = hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:_DIGITS]
+    return _Module(digest, tuple(imports), tuple(texts), frozenset(identifiers))
+
+
+class _Stripped(ast.NodeTransformer):
+    """Takes away what decides nothing: docstrings, imports for type checkers, version numbers."""
+
+    def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
+        # A release counts by what it changed, not by its number.
+        if any(isinstance(name, ast.Name) and name.id == "__version__" for name in node.targets):
+            return None
+        return self.generic_visit(node)
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
+        if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            return None
+        return self.generic_visit(node)
+
+    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
+        self.generic_visit(node)
+        if ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
+            return node.orelse
+        return node
+
+
+def _origin(node: ast.ImportFrom, package: str) -> str:
+    """The full name of the module that a ``from`` import names."""
+    if not node.level:
+        return node.module or ""
+    base = package.split(".")
+    base = base[: len(base) - node.level + 1]
+    return ".".join([*base, *([node.module] if node.module else [])])
+
+
+def _with_parents(name: str) -> Iterator[str]:
+    """``a``, ``a.b`` and ``a.b.c``: importing a module runs the packages that it is in."""
+    parts = name.split(".")
+    return (".".join(parts[: count + 1]) for count in range(len(parts)))
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size
+
+
+def _place_of(top: str) -> Path:
+    """Where a third party's top-level package or module has its source."""
+    spec = importlib.util.find_spec(top)
+    if spec is not None and spec.submodule_search_locations:
+        return Path(next(iter(spec.submodule_search_locations)))
+    if spec is not None and spec.origin and spec.origin.endswith(".py"):
+        return Path(spec.origin)
+    raise HarnessError(
+        f"the source of the package '{top}' is not there",
+        hint="Records tell the code that made them: install the method as Python files",
+    )
+
+
+def _versions(names: Iterable[str]) -> dict[str, str]:
+    """Versions by distribution of what is imported under some top-level names."""
+    return dict(sorted(found for name in names for found in _distributions(name)))
+
+
+@functools.cache
+def _distributions(name: str) -> tuple[tuple[str, str], ...]:
+    """Name and version of each distribution that brings a top-level name."""
+    try:
+        return ((name, metadata.version(name)),)
+    except metadata.PackageNotFoundError:
+        brought_by = sorted(set(_all_distributions().get(name, ())))
+        return tuple((each, metadata.version(each)) for each in brought_by) or ((name, ""),)
+
+
+@functools.cache
+def _all_distributions() -> Mapping[str, list[str]]:
+    return metadata.packages_distributions()

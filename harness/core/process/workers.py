@@ -1,0 +1,205 @@
+"""Child processes: a job file goes in, a result file and the log's tail come out.
+
+Blender, torch and Open3D never share a process; each job runs in a fresh interpreter that dies with
+its parent, so that a killed run leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from harness.core import errors
+from harness.core.errors import HarnessError, MethodError
+from harness.core.files.atomic import read_json, write_json
+from harness.core.process.interrupts import require_not_stopped
+
+__all__ = ["WorkerDied", "run_worker", "worker_main"]
+
+_TAIL_LINES = 15
+_POLL_S = 0.05
+_PARENT_POLL_S = 0.5
+_PROGRESS = re.compile(r"^@progress (\d+)/(\d+)\n", re.MULTILINE)
+_PR_SET_PDEATHSIG = 1
+
+Progress = Callable[[int, int], None]
+
+
+class WorkerDied(MethodError):
+    """A worker ended without a result.
+
+    Attributes:
+        by_signal: What ended it, or None after an exit or a time limit.
+    """
+
+    by_signal: signal.Signals | None = None
+
+
+def run_worker(
+    module: str,
+    job: Mapping[str, object],
+    *,
+    log: Path | None = None,
+    progress: Progress | None = None,
+    timeout_s: float | None = None,
+) -> dict[str, Any]:
+    """The result of ``python -m module`` on a job.
+
+    A worker that wrote its result has done its job, even if it crashed on the way out, as graphics
+    drivers do.
+
+    Args:
+        module: Dotted name of a module that ends in ``worker_main(handle)``.
+        job: JSON values handed to it.
+        log: Where its output is kept; a temporary file by default.
+        progress: Called with (done, total) whenever the worker says so.
+        timeout_s: After so many seconds it is ended; None is no limit.
+
+    Raises:
+        HarnessError: the one that the worker raised, by class.
+        WorkerDied: it ended without a result, or was ended after ``timeout_s``; with the log's
+            tail.
+        Interrupted: the run was stopped; so is the worker, and no other begins.
+    """
+    require_not_stopped()
+    with tempfile.TemporaryDirectory(prefix="harness-job-") as folder:
+        job_path, result_path = Path(folder, "job.json"), Path(folder, "result.json")
+        log_path = log or Path(folder, "log.txt")
+        log_path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(job_path, {"parent": os.getpid(), "job": dict(job)})
+        with log_path.open("wb") as stream:
+            # -P keeps the working folder off the path: it may hold packages named like ours.
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", module, str(job_path), str(result_path)],
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                # Ctrl-C is for the run, which ends its workers itself.
+                process_group=0,
+            )
+            try:
+                in_time = _follow(process, log_path, progress, timeout_s)
+            finally:
+                process.kill()
+                process.wait()
+        if not result_path.is_file():
+            raise _death(module, process.returncode if in_time else None, timeout_s, log_path)
+        result = read_json(result_path)
+    if failure := result.get("error"):
+        kind: type[HarnessError] = getattr(errors, failure.pop("kind"))
+        raise kind(**failure)
+    return result["value"]
+
+
+def _follow(
+    process: subprocess.Popen[bytes],
+    log: Path,
+    progress: Progress | None,
+    timeout_s: float | None,
+) -> bool:
+    """Wait for the end of a process, passing on what it says of its progress.
+
+    Whether it ended by itself, before its time was over.
+    """
+    end = math.inf if timeout_s is None else time.monotonic() + timeout_s
+    pending = ""
+    with log.open("r", encoding="utf-8", errors="replace") as stream:
+        while True:
+            require_not_stopped()
+            late = time.monotonic() > end
+            ended = process.poll() is not None
+            lines, newline, pending = (pending + stream.read()).rpartition("\n")
+            for done, total in _PROGRESS.findall(lines + newline):
+                if progress:
+                    progress(int(done), int(total))
+            if ended or late:
+                return ended
+            time.sleep(_POLL_S)
+
+
+def _death(module: str, status: int | None, timeout_s: float | None, log: Path) -> WorkerDied:
+    """What is told of a worker without a result; ``status`` is None after a time limit."""
+    tail = f"Last lines of its log:\n{_tail(log)}"
+    if status is None:
+        return WorkerDied(
+            f"worker {module} had no result after {timeout_s:g} seconds and was stopped",
+            hint=f"If it needs longer, give --timeout SECONDS. {tail}",
+        )
+    died = WorkerDied(f"worker {module} ended with {_ending(status)} and no result", hint=tail)
+    died.by_signal = signal.Signals(-status) if status < 0 else None
+    return died
+
+
+def _ending(status: int) -> str:
+    if status >= 0:
+        return f"exit status {status}"
+    if -status == signal.SIGKILL:
+        return "signal SIGKILL (which the system sends when memory runs out)"
+    return f"signal {signal.Signals(-status).name}"
+
+
+def _tail(log: Path) -> str:
+    text = _PROGRESS.sub("", log.read_text(encoding="utf-8", errors="replace"))
+    lines = [line for line in text.splitlines() if line.strip()]
+    return "\n".join(f"  | {line}" for line in lines[-_TAIL_LINES:]) or "  | (empty)"
+
+
+def worker_main(
+    handle: Callable[[dict[str, Any], Progress], Mapping[str, object]],
+) -> None:
+    """Run a worker: read the job file, call ``handle(job, progress)``, write the result.
+
+    A ``HarnessError`` travels to the parent as what it is; anything else ends the process with its
+    traceback in the log.
+    """
+    job_path, result_path = Path(sys.argv[1]), Path(sys.argv[2])
+    document = read_json(job_path)
+    _die_with(document["parent"])
+    try:
+        result: dict[str, object] = {"value": handle(document["job"], _say_progress)}
+    except HarnessError as error:
+        result = {
+            "error": {
+                "kind": _known_kind(error),
+                "what": error.what,
+                "expected": error.expected,
+                "got": error.got,
+                "hint": error.hint,
+            }
+        }
+    write_json(result_path, result)
+
+
+def _known_kind(error: HarnessError) -> str:
+    """The nearest class that the parent knows without importing the worker's modules."""
+    return next(kind.__name__ for kind in type(error).__mro__ if hasattr(errors, kind.__name__))
+
+
+def _say_progress(done: int, total: int) -> None:
+    sys.stdout.write(f"@progress {done}/{total}\n")
+    sys.stdout.flush()
+
+
+def _die_with(parent: int) -> None:
+    """End this process when its parent is gone, even if the parent was killed."""
+    if sys.platform == "linux":
+        # The kernel's own signal also reaches a worker inside one long native call.
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_PARENT_POLL_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

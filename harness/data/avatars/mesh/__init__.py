@@ -1,0 +1,1 @@
+"""Meshes of the generator: quads, closed surfaces, texture charts, smooth noise."""

@@ -1,0 +1,1 @@
+"""Bodies, poses and landmarks of generated people."""

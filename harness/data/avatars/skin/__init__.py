@@ -1,0 +1,1 @@
+"""Colour and hair of generated people."""

@@ -1,0 +1,161 @@
+"""``harness render``: photos of many subjects, each in its own child process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from harness.core.artifacts import Capture
+from harness.core.errors import HarnessError
+from harness.core.process.interrupts import in_threads
+from harness.core.process.workers import run_worker
+from harness.pipeline.inputs.sealed import Look, admit, announce
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.progress import Progress, Silent, counted
+
+__all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all", "show_avatar"]
+
+#: Name of the progress bar that counts views.
+PHOTOS = "photos"
+_WORKER = "harness.pipeline.inputs.capture_worker"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureOutcome:
+    """What became of one subject's photos or scan.
+
+    Attributes:
+        subject: Its id.
+        state: ``made now``, ``cached`` or ``failed``.
+        directory: Where it lies.
+        proof: The renderer's proof that the cameras are exact, as in ``capture.json``.
+        warnings: For instance views in which the frame cuts the subject.
+        failure: Why it failed; empty when it did not.
+    """
+
+    subject: str
+    state: str
+    directory: str
+    proof: object = None
+    warnings: tuple[str, ...] = field(default_factory=tuple)
+    failure: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        notes = "".join(f"\n    {note}" for note in (*self.warnings, self.failure) if note)
+        return f"{self.subject}: {self.state:9} {self.directory}{notes}"
+
+
+def photograph(
+    source: Source, subject: str, progress: Progress, timeout_s: float | None = None
+) -> Capture:
+    """One subject's photos, made in a child process if they are not there or stale.
+
+    Args:
+        source: Of the subject.
+        subject: Its id.
+        progress: Told of every view.
+        timeout_s: How long making them may take; None is no limit.
+
+    Raises:
+        HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
+    """
+    if source.capture_state(subject)[0] != "cached":
+        job = {"source": source.to_job(), "subject": subject, "only_scan": False}
+        run_worker(_WORKER, job, progress=counted(progress, PHOTOS), timeout_s=timeout_s)
+    return Capture.load(source.capture_directory(subject))
+
+
+def render_all(
+    source: Source, jobs: int, progress: Progress, timeout_s: float | None = None
+) -> list[CaptureOutcome]:
+    """The photos of all subjects of a source; one that fails does not stop the others.
+
+    Args:
+        source: Of the subjects.
+        jobs: Subjects at once.
+        progress: Told of every view.
+        timeout_s: How long one subject may take; None is no limit.
+    """
+    source.root()
+    announce(source.manifest, source.name, progress)
+    states = {subject: _state(source, subject) for subject in source.subjects}
+    waiting = sum(state != "cached" for state in states.values())
+    progress.expect(PHOTOS, waiting * source.recipe.rig.views)
+
+    def one(subject: str) -> CaptureOutcome:
+        state = "cached" if states[subject] == "cached" else "made now"
+        try:
+            capture = photograph(source, subject, progress, timeout_s)
+        except HarnessError as error:
+            return CaptureOutcome(subject, "failed", "", failure=str(error))
+        proof = capture.provenance.get("proof")
+        return CaptureOutcome(subject, state, str(capture.directory), proof, capture.warnings)
+
+    return in_threads(one, source.subjects, jobs)
+
+
+def _state(source: Source, subject: str) -> str:
+    try:
+        return source.capture_state(subject)[0]
+    except HarnessError:
+        # Told again, as this subject's own failure, when its photos are to be made.
+        return "missing"
+
+
+def show_avatar(source: Source, path: Path, progress: Progress, reason: str = "") -> Path:
+    """Write the contact sheet of a source's first subject, which is made if it is not there.
+
+    Raises:
+        HarnessError: the dataset is not one that is generated, or it is sealed and there is no
+            reason to look at it.
+    """
+    from harness.data.avatars import avatar_sheet
+    from harness.geometry.images import save_png
+
+    look = Look("contact sheet", source.name, source.subjects[:1], reason)
+    admit(source.manifest, source.workspace, look, progress)
+    outcome = make_avatars(source, 1, Silent())[0]
+    if outcome.failure:
+        raise HarnessError(outcome.failure)
+    save_png(path, avatar_sheet(source.avatar_directory(outcome.subject), outcome.subject))
+    return path
+
+
+def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureOutcome]:
+    """The generated subjects of a source, made unless they are there.
+
+    Raises:
+        HarnessError: the dataset is not one that is generated.
+    """
+    if not source.is_generated:
+        raise HarnessError(
+            f"dataset '{source.name}' is not generated",
+            hint=f"'harness data check {source.name}' shows where its files belong",
+        )
+    announce(source.manifest, source.name, progress)
+    waiting = [subject for subject in source.subjects if not source.avatar_is_current(subject)]
+    progress.expect("avatars", len(waiting))
+
+    def one(subject: str) -> CaptureOutcome:
+        directory = str(source.avatar_directory(subject))
+        if subject not in waiting:
+            return CaptureOutcome(subject, "cached", directory)
+        job: Mapping[str, object] = {
+            "source": source.to_job(),
+            "subject": subject,
+            "only_scan": True,
+        }
+        try:
+            run_worker(_WORKER, job)
+        except HarnessError as error:
+            return CaptureOutcome(subject, "failed", directory, failure=str(error))
+        finally:
+            progress.done("avatars")
+        return CaptureOutcome(subject, "made now", directory)
+
+    return in_threads(one, source.subjects, jobs)

@@ -1,0 +1,195 @@
+"""Scans and captures on demand: avatars are made, photos rendered, and both kept by content."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.artifacts import Capture, Scan
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.atomic import exclusive_lock, read_json, remove_leftovers
+from harness.core.mesh import Mesh
+from harness.core.process.differences import listed_differences
+from harness.core.process.workers import Progress as Steps
+from harness.core.settings import RenderRecipe
+from harness.data.manifest import Manifest, load_manifest
+from harness.data.scans import load_scan, locate_scan
+from harness.pipeline.inputs.workspace import Workspace
+
+__all__ = ["Source"]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The subjects of a dataset and the recipe by which they are photographed.
+
+    Attributes:
+        manifest_path: The manifest that defines all names below.
+        workspace: Where data and captures lie.
+        name: Dataset's name, never a split's.
+        subjects: Ids.
+        recipe: How they are photographed.
+    """
+
+    manifest_path: Path
+    workspace: Workspace
+    name: str
+    subjects: tuple[str, ...]
+    recipe: RenderRecipe
+
+    @classmethod
+    def select(
+        cls,
+        manifest: Manifest,
+        workspace: Workspace,
+        dataset: str,
+        subjects: tuple[str, ...],
+        recipe: str,
+    ) -> Source:
+        """The source behind what a user named: dataset or split, some subjects, a recipe."""
+        name, _, chosen = manifest.select(dataset, subjects)
+        return cls(manifest.path.resolve(), workspace, name, chosen, manifest.recipe(recipe))
+
+    @property
+    def manifest(self) -> Manifest:
+        """The checked manifest, read once per process."""
+        return _manifest(self.manifest_path)
+
+    def root(self) -> Path:
+        """The dataset's folder."""
+        return self.manifest.root(self.name, self.workspace.root)
+
+    @property
+    def is_generated(self) -> bool:
+        """Whether the subjects are made here."""
+        return self.manifest.datasets[self.name].kind == "generated"
+
+    @property
+    def scale_rule(self) -> str:
+        """What turns the scans' units into metres, as written in the manifest."""
+        return self.manifest.datasets[self.name].scale
+
+    @property
+    def _scan_noise_mm(self) -> float:
+        return self.manifest.datasets[self.name].scan_noise_mm
+
+    def avatar_directory(self, subject: str) -> Path:
+        """Folder of a generated subject."""
+        return self.root() / "model" / subject
+
+    def avatar_is_current(self, subject: str) -> bool:
+        """Whether a generated subject is there, made by this generator from the recipe that its id
+        has now, with the same noise.
+        """
+        from harness.data.avatars import AVATARS_VERSION, recipe_for
+
+        mark = self.avatar_directory(subject) / "avatar.json"
+        made = read_json(mark) if mark.is_file() else {}
+        return (made.get("version"), made.get("scan_noise_mm", 0.0)) == (
+            AVATARS_VERSION,
+            self._scan_noise_mm,
+        ) and made.get("recipe") == json.loads(json.dumps(recipe_for(subject).as_dict()))
+
+    def make_avatar(self, subject: str) -> bool:
+        """Make a generated subject unless it is there already; whether it was made now."""
+        from harness.data.avatars import make_avatar, recipe_for
+
+        recipe = recipe_for(subject)
+        directory = self.avatar_directory(subject)
+        with exclusive_lock(directory.parent / f".{subject}.lock"):
+            if self.avatar_is_current(subject):
+                return False
+            remove_leftovers(directory)
+            make_avatar(recipe, directory, self._scan_noise_mm)
+        return True
+
+    def locate(self, subject: str) -> Scan:
+        """The subject's scan, hashed but not read."""
+        return locate_scan(self.name, self.manifest.datasets[self.name], self.root(), subject)
+
+    def load(self, subject: str) -> tuple[Scan, Mesh]:
+        """The subject's scan and its textured mesh in world metres."""
+        return load_scan(self.name, self.manifest.datasets[self.name], self.root(), subject)
+
+    def capture_directory(self, subject: str) -> Path:
+        """Where the subject's photos under this recipe lie."""
+        return self.workspace.capture(self.name, subject, self.recipe.name)
+
+    def capture(self, subject: str) -> Capture:
+        """The subject's photos as methods and figures see them: counted from the front.
+
+        Raises:
+            DataError: they are not there, or damaged.
+        """
+        return Capture.load(self.capture_directory(subject)).from_front()
+
+    def capture_state(self, subject: str) -> tuple[str, str]:
+        """``cached``, ``stale`` or ``missing``, and why, without rendering anything.
+
+        Raises:
+            DataError: the scan is not there.
+        """
+        from renderers.capture import CaptureInputs
+
+        if self.is_generated and not self.avatar_is_current(subject):
+            return "missing", "avatar has to be made"
+        directory = self.capture_directory(subject)
+        if not (directory / "capture.json").is_file():
+            return "missing", "not rendered yet"
+        try:
+            found = Capture.load(directory)
+        except DataError as error:
+            return "stale", str(error)
+        before: Mapping[str, object] = found.provenance.get("inputs", {})
+        # Photos of another device are as good, but not the same: theirs is part of their key.
+        device = str(before.get("device", ""))
+        now = CaptureInputs.of(self.locate(subject), self.recipe, device)
+        if found.key != now.key:
+            return "stale", f"changed: {listed_differences(before, now.to_dict())}"
+        damage = found.damage()
+        return ("stale", damage) if damage else ("cached", "")
+
+    def ensure_capture(self, subject: str, steps: Steps) -> Capture:
+        """The subject's photos, rendered now if they are not there or stale.
+
+        Raises:
+            HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
+        """
+        from renderers.capture import capture
+
+        if self.is_generated:
+            self.make_avatar(subject)
+        directory = self.capture_directory(subject)
+        with exclusive_lock(directory.parent / f".{self.recipe.name}.lock"):
+            if self.capture_state(subject)[0] != "cached":
+                remove_leftovers(directory)
+                scan, mesh = self.load(subject)
+                capture(scan, mesh, self.recipe, directory, steps)
+            return Capture.load(directory)
+
+    def to_job(self) -> dict[str, object]:
+        """What a worker needs to make the same source for one subject."""
+        return {
+            "manifest": str(self.manifest_path),
+            "workspace": str(self.workspace.root),
+            "dataset": self.name,
+            "recipe": self.recipe.name,
+        }
+
+    @classmethod
+    def from_job(cls, job: Mapping[str, object], subject: str) -> Source:
+        """The source in a worker, restricted to one subject."""
+        manifest = _manifest(Path(str(job["manifest"])))
+        workspace = Workspace(Path(str(job["workspace"])))
+        recipe = manifest.recipe(str(job["recipe"]))
+        return cls(manifest.path, workspace, str(job["dataset"]), (subject,), recipe)
+
+
+@functools.lru_cache(maxsize=4)
+def _manifest(path: Path) -> Manifest:
+    if not path.is_file():
+        raise HarnessError(f"the manifest {path} is gone")
+    return load_manifest(path)

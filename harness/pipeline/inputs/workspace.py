@@ -1,0 +1,48 @@
+"""Where things lie: data, captures and runs below one folder."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.files.names import checked_name
+
+__all__ = ["Workspace"]
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """The folder that holds ``data/``, ``captures/`` and ``runs/``.
+
+    Every name that becomes part of a path is checked, so that no path leads out of the folder.
+
+    Attributes:
+        root: The current folder unless ``HARNESS_WORKSPACE`` or ``--workspace`` names another.
+    """
+
+    root: Path
+
+    @classmethod
+    def default(cls, named: Path | None = None) -> Workspace:
+        """The workspace that a command uses."""
+        return cls((named or Path(os.environ.get("HARNESS_WORKSPACE", "."))).resolve())
+
+    def capture(self, dataset: str, subject: str, recipe: str) -> Path:
+        """Folder of one capture."""
+        return (
+            self.root
+            / "captures"
+            / checked_name("dataset", dataset)
+            / checked_name("subject", subject)
+            / checked_name("recipe", recipe)
+        )
+
+    def run(self, name: str) -> Path:
+        """Folder of one run."""
+        return self.runs / checked_name("run", name)
+
+    @property
+    def runs(self) -> Path:
+        """Folder of all runs."""
+        return self.root / "runs"

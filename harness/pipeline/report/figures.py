@@ -1,0 +1,210 @@
+"""Figures of a run: loads photos, scans and meshes, measures errors, hands them to the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harness.core.errors import DataError, HarnessError
+from harness.core.formats.mesh_files import load_mesh
+from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
+from harness.core.records import Record
+from harness.core.units import MM_PER_METRE, UNITS_RULE
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.report.normal_figure import normals
+from harness.pipeline.run.store import RunStore
+
+if TYPE_CHECKING:
+    from reports.figures.failures import FailureRow
+    from reports.figures.shading import ErrorScale
+
+__all__ = ["FIGURES", "bodies", "failures", "overlay", "qualitative"]
+
+#: Errors beyond this share of all vertices take the last colour.
+_SCALE_PERCENTILE = 98.0
+_LEAST_SCALE_MM = 1.0
+_MOST_FAILURES = 4
+
+
+def qualitative(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """Photo, every method's mesh, truth and error maps of the source's subjects, as one figure.
+
+    Only methods that succeeded on all of these subjects are shown.
+
+    Raises:
+        HarnessError: no method did.
+    """
+    from reports.figures.comparison import MethodMesh, SubjectPanels, qualitative_grid
+
+    titles = _complete_methods(records, source.subjects)
+    panels, largest = [], _LEAST_SCALE_MM
+    for subject in source.subjects:
+        _, truth = source.load(subject)
+        meshes = []
+        for method, title in titles.items():
+            mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
+            errors = _vertex_errors_mm(mesh, truth)
+            largest = max(largest, float(np.percentile(errors, _SCALE_PERCENTILE)))
+            meshes.append(MethodMesh(title, mesh, errors))
+        capture = source.capture(subject)
+        panels.append(SubjectPanels(capture, truth, tuple(meshes)))
+    qualitative_grid(panels, path, _scale(source, largest))
+    return path
+
+
+def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """The mesh of the first method that succeeded, over all photos of the first subject."""
+    from reports.figures.comparison import overlay_figure
+
+    subject = source.subjects[0]
+    method = next(iter(_complete_methods(records, (subject,))))
+    mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
+    overlay_figure(mesh, source.capture(subject), path)
+    return path
+
+
+def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """The fitted bodies of all methods that have one, over the photos of the first subject.
+
+    Raises:
+        HarnessError: no method fitted a body to it.
+    """
+    from harness.pipeline.scoring.bodies import TrueBody
+    from reports.figures.body_overlay import body_overlay
+    from reports.figures.comparison import MethodMesh
+
+    subject = source.subjects[0]
+    scan, _ = source.load(subject)
+    rows, faces = [], None
+    for method, title in _complete_methods(records, (subject,)).items():
+        record = _record(records, method, subject)
+        if "body.npz" in record.files:
+            with np.load(store.result(record, "body.npz"), allow_pickle=False) as arrays:
+                faces = arrays["faces"]
+                rows.append(MethodMesh(title, Mesh(arrays["vertices"], faces, source=title)))
+    if faces is None:
+        raise HarnessError(
+            f"no method fitted a body to {subject}", hint="Run 'harness eval --method jmbo8'"
+        )
+    true = TrueBody.of(scan)
+    same = true is not None and len(true.vertices) == len(rows[0].mesh.vertices)
+    truth = Mesh(true.vertices, faces, source="true body") if true and same else None
+    body_overlay(rows, truth, source.capture(subject), path)
+    return path
+
+
+def failures(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """Where each method is worst, on the (at most four) subjects with the worst regions.
+
+    The last colour stands for the distance from which on surface counts as missing or bulging.
+
+    Raises:
+        HarnessError: no record of these subjects tells errors by region.
+        DataError: the labels of a scan are gone since it was scored.
+    """
+    from metrics.regions import FAR_MM
+    from reports.figures.failures import failure_grid, worst_region, worst_subjects
+
+    told = {
+        (record.method_name, record.subject): record
+        for record in records
+        if record.subject in source.subjects and _is_rival(record) and worst_region(record)
+    }
+    if not told:
+        raise HarnessError(
+            f"no record of {', '.join(source.subjects[:4])} tells errors by region",
+            hint="Evaluate subjects whose scans have labels; records of earlier versions lack them",
+        )
+    chosen = worst_subjects(told.values(), _MOST_FAILURES)
+    titles = {record.method_name: str(record.method["title"]) for record in told.values()}
+    rows = [_failure_row(store, source, subject, titles, told) for subject in chosen]
+    failure_grid(rows, path, _scale(source, FAR_MM))
+    return path
+
+
+def _failure_row(
+    store: RunStore,
+    source: Source,
+    subject: str,
+    titles: Mapping[str, str],
+    told: Mapping[tuple[str, str], Record],
+) -> FailureRow:
+    from harness.pipeline.scoring.meshes import labelled_faces
+    from reports.figures.failures import FailedMesh, FailurePanel, FailureRow, worst_region
+
+    scan, truth = source.load(subject)
+    regions = labelled_faces(scan, truth)
+    if regions is None:
+        raise DataError(f"the scan of {subject} has no labels any more")
+    panels = []
+    for method, title in titles.items():
+        record = told.get((method, subject))
+        failure = worst_region(record) if record else None
+        found = None
+        if record and failure:
+            mesh = load_mesh(store.result(record, "mesh.ply"))
+            found = FailedMesh(mesh, _vertex_errors_mm(mesh, truth), failure)
+        panels.append(FailurePanel(title, found))
+    capture = source.capture(subject)
+    names = np.array(regions.names)[regions.of_face]
+    return FailureRow(capture, truth, names, tuple(panels))
+
+
+#: Figures by name.
+FIGURES = {
+    "qualitative": qualitative,
+    "overlay": overlay,
+    "bodies": bodies,
+    "failures": failures,
+    "normals": normals,
+}
+
+
+def _record(records: Sequence[Record], method: str, subject: str) -> Record:
+    """The record of a cell that is known to have one."""
+    return next(
+        record for record in records if (record.method_name, record.subject) == (method, subject)
+    )
+
+
+def _is_rival(record: Record) -> bool:
+    """Whether it has a mesh that was not handed the truth, which has its own place."""
+    given: Sequence[str] = record.method["privileges"]  # type: ignore[assignment]
+    return record.status == "ok" and Privilege.GROUND_TRUTH_MESH not in given
+
+
+def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dict[str, str]:
+    """Titles by name of the methods with a mesh of their own of every subject."""
+    titles: dict[str, str] = {}
+    done: dict[str, set[str]] = {}
+    for record in records:
+        if _is_rival(record):
+            titles[record.method_name] = str(record.method["title"])
+            done.setdefault(record.method_name, set()).add(record.subject)
+    complete = {name: title for name, title in titles.items() if done[name] >= set(subjects)}
+    if not complete:
+        raise HarnessError(
+            f"no method reconstructed all of {', '.join(subjects)}",
+            hint="Name fewer subjects with --subjects, or see 'harness report' for the reasons",
+        )
+    return complete
+
+
+def _scale(source: Source, limit_mm: float) -> ErrorScale:
+    """Colours up to a limit; their label says where mm are no real millimetres."""
+    from reports.figures.shading import ErrorScale
+
+    if source.scale_rule == UNITS_RULE:
+        return ErrorScale(limit_mm, "distance to the true surface (thousandths of a scan unit)")
+    return ErrorScale(limit_mm)
+
+
+def _vertex_errors_mm(mesh: Mesh, truth: Mesh) -> np.ndarray:
+    from harness.geometry.surface import SurfaceIndex
+
+    _, distances = SurfaceIndex(truth).closest(mesh.vertices)
+    return distances * MM_PER_METRE

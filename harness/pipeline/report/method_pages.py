@@ -1,0 +1,120 @@
+"""What a method says of itself, as text for a terminal and as Markdown for the documentation."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+
+from harness.core.errors import HarnessError
+from harness.core.protocols import MethodInfo
+from harness.pipeline.run.plan import resolve_method
+
+__all__ = ["described", "known_methods", "markdown_pages", "text_page"]
+
+_WIDTH = 100
+
+
+def known_methods() -> tuple[str, ...]:
+    """The names of all methods, third parties' included."""
+    from methods.catalog import METHODS
+
+    return tuple(METHODS)
+
+
+def described(names: Sequence[str]) -> tuple[dict[str, MethodInfo], dict[str, str]]:
+    """What each method says of itself, and why some cannot say it, by name."""
+    infos: dict[str, MethodInfo] = {}
+    failures: dict[str, str] = {}
+    for name in names:
+        try:
+            infos[name] = resolve_method(name, {}).info
+        except HarnessError as error:
+            failures[name] = str(error)
+    return infos, failures
+
+
+def text_page(info: MethodInfo) -> str:
+    """A method's views, parts, privileges, settings and deviations, for a terminal."""
+    lines = [f"{info.name}: {info.title}", "", f"Views: {_views(info)}", "", "Parts"]
+    lines += [f"  {role}: {text}" for role, text in _parts(info)]
+    lines += ["", "Privileges (what it is given beyond pixels)"]
+    for privilege in info.privileges:
+        lines += [f"  {privilege.label}", *_indented("", privilege.sentence)]
+    lines += ["", "Settings (--set NAME=VALUE)"]
+    lines += [f"  {path} = {value}" for path, value in _settings(info.parameters)]
+    if info.deviations:
+        lines += ["", f"Deviations from the publication ({len(info.deviations)})"]
+        for deviation in info.deviations:
+            lines += [
+                f"  {deviation.what}",
+                *_indented("published", deviation.published),
+                *_indented("here", deviation.here),
+                *_indented("why", deviation.why),
+            ]
+    else:
+        lines += ["", "Deviations: none listed, because the method carries no publication's name"]
+    return "\n".join(lines)
+
+
+def markdown_pages(infos: Mapping[str, MethodInfo]) -> str:
+    """All methods as one Markdown document: a table, then settings and deviations of each."""
+    lines = [
+        "# Methods",
+        "",
+        "Written by `harness methods docs`; `harness methods show NAME` prints one of them.",
+        "",
+        "| name | title | views | given beyond pixels | deviations |",
+        "|---|---|---|---|---:|",
+    ]
+    for info in infos.values():
+        given = ", ".join(privilege.label for privilege in info.privileges)
+        cells = (f"`{info.name}`", info.title, _views(info), given, str(len(info.deviations)))
+        lines.append(f"| {' | '.join(cells)} |")
+    for info in infos.values():
+        lines += ["", *_markdown_page(info)]
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_page(info: MethodInfo) -> Iterator[str]:
+    yield f"## `{info.name}`: {info.title}"
+    yield ""
+    parts = "; ".join(f"{role} {text}" for role, text in _parts(info))
+    yield f"Views: {_views(info)}. Parts: {parts or 'none'}."
+    yield ""
+    if settings := [f"`{path}={value}`" for path, value in _settings(info.parameters)]:
+        yield f"Settings: {', '.join(settings)}."
+        yield ""
+    if info.deviations:
+        yield "| deviation | published | here | why |"
+        yield "|---|---|---|---|"
+        for entry in info.deviations:
+            yield f"| {entry.what} | {entry.published} | {entry.here} | {entry.why} |"
+    else:
+        yield "Carries no publication's name."
+
+
+def _views(info: MethodInfo) -> str:
+    if info.views is None:
+        return "all"
+    return ", ".join(str(view) for view in info.views)
+
+
+def _parts(info: MethodInfo) -> Iterator[tuple[str, str]]:
+    for part in info.parts:
+        sha = f", sha256 {part.sha256[:12]}" if part.sha256 else ""
+        yield part.role, f"{part.name} ({part.licence}{sha})"
+
+
+def _settings(parameters: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Every setting by its full name."""
+    for name, value in parameters.items():
+        if isinstance(value, Mapping):
+            nested = {str(key): entry for key, entry in value.items()}
+            yield from _settings(nested, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _indented(label: str, text: str) -> list[str]:
+    first = f"    {label:10}" if label else "    "
+    return textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=" " * len(first))

@@ -1,0 +1,88 @@
+"""The normals figure of a run: loads maps and scans, compares them, hands them to the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.core.artifacts import NormalMaps
+from harness.core.errors import HarnessError
+from harness.core.records import Record
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.run.store import RunStore
+
+if TYPE_CHECKING:
+    from harness.geometry.sides import Side, SidedRaycaster
+    from reports.figures.normal_grid import NormalPanels, NormalRow
+
+__all__ = ["normals"]
+
+
+def normals(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """Normal maps of the first method that has them for all of the source's subjects.
+
+    Of a method with maps in several photos their near sides are shown; of a method with one photo
+    both sides.
+
+    Raises:
+        HarnessError: no method has maps of all subjects.
+    """
+    from reports.figures.normal_grid import normal_grid
+
+    chosen = _first_complete(records, source.subjects)
+    normal_grid([_row(store, source, record) for record in chosen], path)
+    return path
+
+
+def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[Record]:
+    """The records, by subject, of the first method that tells of normal maps on all of them."""
+    from reports.tables.normals import normals_of
+
+    told: dict[str, dict[str, Record]] = {}
+    for record in records:
+        if record.status == "ok" and normals_of(record):
+            told.setdefault(record.method_name, {})[record.subject] = record
+    for found in told.values():
+        if found.keys() >= set(subjects):
+            return [found[subject] for subject in subjects]
+    raise HarnessError(
+        f"no method has normal maps of all of {', '.join(subjects)}",
+        hint="Run 'harness eval --method econ,mexecon8'; records of earlier versions have none",
+    )
+
+
+def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
+    from harness.geometry.sides import SidedRaycaster
+    from harness.pipeline.run.normal_files import load_normals
+    from reports.figures.normal_grid import NormalRow
+
+    views = load_normals(store.result(record, "normals.npz"))
+    _, truth = source.load(record.subject)
+    caster = SidedRaycaster(truth.geometry())
+    shown: list[tuple[NormalMaps, Side]] = [(maps, "near") for maps in views]
+    if len(views) == 1:
+        shown.append((views[0], "far"))
+    return NormalRow(
+        source.capture(record.subject),
+        tuple(_panels(record, maps, side, caster) for maps, side in shown),
+    )
+
+
+def _panels(record: Record, maps: NormalMaps, side: Side, scan: SidedRaycaster) -> NormalPanels:
+    from harness.pipeline.scoring.normals import true_normals
+    from metrics.normal_maps import angular_error_map
+    from reports.figures.normal_grid import NormalPanels
+    from reports.tables.normals import headline
+
+    true = true_normals(scan, maps, side)
+    estimate = maps.front if side == "near" else maps.back
+    found = headline(record, maps.view, side)
+    return NormalPanels(
+        title=found.photo.capitalize() if side == "near" else "",
+        maps=maps,
+        side=side,
+        true=true.normals,
+        errors_deg=angular_error_map(estimate, true.normals, true.compared),
+        told=(found.body, found.estimate),
+    )

@@ -1,0 +1,208 @@
+"""``harness report``: the records of a run become a table in the format asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from harness.core.errors import HarnessError, did_you_mean
+from harness.core.files.atomic import write_text
+from harness.core.records import Record
+from reports.formats.latex import to_latex
+from reports.formats.markdown import to_markdown
+from reports.formats.programs import to_csv, to_json
+from reports.published.table import published_differences, published_means
+from reports.tables.cost import cost_table
+from reports.tables.geometry import geometry_table
+from reports.tables.jmbo import jmbo_table
+from reports.tables.normals import normals_table
+from reports.tables.paired import paired_table
+from reports.tables.regions import regions_table
+from reports.tables.table import Table
+
+if TYPE_CHECKING:
+    from reports.statistics import Interval as BootstrapInterval
+
+__all__ = [
+    "FORMATS",
+    "PUBLISHED_TABLE",
+    "TABLES",
+    "ReportRequest",
+    "build_published",
+    "build_table",
+    "in_order",
+    "write_tables",
+]
+
+T = TypeVar("T")
+
+
+def _sign_flip(differences: Sequence[float]) -> float:
+    from reports.statistics import sign_flip_p_value
+
+    return sign_flip_p_value(differences)
+
+
+#: The table of the authors' own results, which needs no run.
+PUBLISHED_TABLE = "published"
+#: Tables of a run by name.
+TABLES: Mapping[str, Callable[..., Table]] = {
+    "geometry": geometry_table,
+    "paired": partial(paired_table, p_value=_sign_flip),
+    "cost": cost_table,
+    "jmbo": jmbo_table,
+    "regions": regions_table,
+    "normals": normals_table,
+}
+#: Writer and file name extension by format.
+FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {
+    "latex": (to_latex, "tex"),
+    "markdown": (to_markdown, "md"),
+    "csv": (to_csv, "csv"),
+    "json": (to_json, "json"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ReportRequest:
+    """What ``harness report`` was asked for.
+
+    Attributes:
+        table: Name in ``TABLES``, or ``PUBLISHED_TABLE``.
+        format: Name in ``FORMATS``.
+        methods: Rows in this order; by default all in the order of the catalogue.
+        subjects: Subjects that count; by default all that have a record.
+        interval: Whether means carry a 95 % bootstrap interval over subjects.
+        published: Whether the paper's printed numbers are shown below.
+        paired: Whether ``PUBLISHED_TABLE`` shows differences and not means.
+    """
+
+    table: str = "geometry"
+    format: str = "markdown"
+    methods: tuple[str, ...] | None = None
+    subjects: tuple[str, ...] | None = None
+    interval: bool = False
+    published: bool = False
+    paired: bool = False
+
+
+def build_table(records: Sequence[Record], request: ReportRequest) -> str:
+    """The table as text in the requested format.
+
+    Raises:
+        HarnessError: an unknown table or format, or nothing to report.
+        ProtocolMismatch: the records are not comparable.
+    """
+    write, _ = _known("format", request.format, FORMATS)
+    return _written(_table(records, request), write)
+
+
+def build_published(request: ReportRequest) -> str:
+    """The authors' own results as text in the requested format; no run is needed.
+
+    Paired differences always carry their interval.
+
+    Raises:
+        HarnessError: an unknown format, method or subject, or nothing to compare.
+    """
+    write, _ = _known("format", request.format, FORMATS)
+    chosen = {"methods": request.methods, "subjects": request.subjects}
+    if request.paired:
+        table = published_differences(p_value=_sign_flip, interval=_percentiles, **chosen)
+    else:
+        table = published_means(interval=_percentiles if request.interval else None, **chosen)
+    return _written(table, write)
+
+
+def _written(table: Table, write: Callable[[Table], str]) -> str:
+    if not table.rows:
+        raise HarnessError(
+            f"no method has the numbers of the table '{table.name}'", got=table.remarks[-1]
+        )
+    return write(table)
+
+
+def write_tables(
+    records: Sequence[Record], folder: Path, request: ReportRequest = ReportRequest()
+) -> list[Path]:
+    """Every table in every format as ``<folder>/<table>.<extension>``; returns the files.
+
+    A table that no method has numbers for says so, and has no rows.
+    """
+    written = []
+    for name in TABLES:
+        table = _table(records, replace(request, table=name))
+        for write, extension in FORMATS.values():
+            path = folder / f"{name}.{extension}"
+            write_text(path, write(table))
+            written.append(path)
+    return written
+
+
+def _table(records: Sequence[Record], request: ReportRequest) -> Table:
+    if request.table not in TABLES:
+        hint = did_you_mean(request.table, [*TABLES, PUBLISHED_TABLE])
+        raise HarnessError(f"unknown table '{request.table}'", hint=hint)
+    if request.paired:
+        raise HarnessError(
+            "--paired shows differences of the published results",
+            got=f"--table {request.table}",
+            hint=f"Use --table paired for a run, or --table {PUBLISHED_TABLE} --paired",
+        )
+    return TABLES[request.table](
+        records,
+        methods=request.methods or _catalogue_order(records),
+        subjects=request.subjects,
+        interval=_bootstrap if request.interval else None,
+        published=request.published,
+    )
+
+
+def in_order(records: Sequence[Record], methods: tuple[str, ...]) -> list[Record]:
+    """The records of some methods in their order; of all methods, in the catalogue's, if empty.
+
+    Raises:
+        HarnessError: a method without a record.
+    """
+    present = dict.fromkeys(record.method_name for record in records)
+    for name in methods:
+        if name not in present:
+            raise HarnessError(f"no record of method '{name}'", hint=did_you_mean(name, present))
+    order = methods or _catalogue_order(records)
+    return [record for name in order for record in records if record.method_name == name]
+
+
+def _known(kind: str, name: str, known: Mapping[str, T]) -> T:
+    if name not in known:
+        raise HarnessError(f"unknown {kind} '{name}'", hint=did_you_mean(name, known))
+    return known[name]
+
+
+def _catalogue_order(records: Sequence[Record]) -> list[str]:
+    from methods.catalog import METHODS
+
+    present = dict.fromkeys(record.method_name for record in records)
+    catalogued = [name for name in METHODS if name in present]
+    return [*catalogued, *(name for name in present if name not in catalogued)]
+
+
+def _bootstrap(values: Sequence[float]) -> tuple[float, float]:
+    from reports.statistics import bootstrap_interval
+
+    return _ends(bootstrap_interval(values))
+
+
+def _percentiles(values: Sequence[float]) -> tuple[float, float]:
+    from reports.statistics import bootstrap_interval
+
+    # So many that the ends do not move in the digits that are usually quoted.
+    return _ends(bootstrap_interval(values, method="percentile", resamples=200_000))
+
+
+def _ends(found: BootstrapInterval) -> tuple[float, float]:
+    if found.low is None or found.high is None:
+        raise HarnessError("an interval needs at least two subjects", got=f"{found.n}")
+    return found.low, found.high

@@ -1,0 +1,1 @@
+"""The run matrix: plan, worker processes, records, cost."""

@@ -1,0 +1,103 @@
+"""One method on one subject: what it is lent, and how its result is scored.
+
+All of this decides a record's numbers, and its import closure is in every record's key: what only
+plans, files or times a run does not belong here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from harness.core.artifacts import Capture, Reconstruction, Scan
+from harness.core.errors import MethodError
+from harness.core.files.hashing import derive_seed
+from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
+from harness.core.protocols import MethodInfo
+from harness.core.records import MetricValue
+from harness.core.settings import MetricProtocol
+from harness.pipeline.run.oracle_normals import OracleNormals
+from harness.pipeline.scoring.bodies import TrueBody, body_metrics
+from harness.pipeline.scoring.meshes import labelled_faces, scored
+from harness.pipeline.scoring.normals import normal_details
+
+__all__ = ["Scores", "Truth", "lent_to", "scores_of", "seed_for"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What a result is compared with.
+
+    Attributes:
+        scan: Where it lies; its labels have been read once.
+        mesh: Its surface, world metres.
+        body: The true body, where the dataset has it.
+    """
+
+    scan: Scan
+    mesh: Mesh
+    body: TrueBody | None
+
+    @classmethod
+    def read(cls, scan: Scan, mesh: Mesh) -> Truth:
+        """The truths beside a scan.
+
+        Raises:
+            DataError: a body or labels that cannot be read or are not the scan's.
+        """
+        labelled_faces(scan, mesh)
+        return cls(scan, mesh, TrueBody.of(scan))
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """The numbers of a result: metrics by id, and what a record tells besides."""
+
+    metrics: Mapping[str, MetricValue]
+    details: Mapping[str, object]
+
+
+def seed_for(root_seed: int, method: MethodInfo, subject: str) -> int:
+    """The seed of a method on a subject."""
+    return derive_seed(root_seed, method.name, subject)
+
+
+def lent_to(method: MethodInfo, capture: Capture, truth: Mesh) -> dict[str, object]:
+    """What the method's declared privileges entitle it to, and nothing else."""
+    lent: dict[str, object] = {}
+    if Privilege.GROUND_TRUTH_MESH in method.privileges:
+        lent[Privilege.GROUND_TRUTH_MESH] = truth.geometry()
+    if Privilege.SUBJECT_CENTRE in method.privileges:
+        lent[Privilege.SUBJECT_CENTRE] = truth.bounds.mean(axis=0)
+    if Privilege.ORACLE_NORMALS in method.privileges:
+        views = method.views or range(len(capture.cameras))
+        lent[Privilege.ORACLE_NORMALS] = OracleNormals(
+            truth, [capture.cameras[view] for view in views]
+        )
+    return lent
+
+
+def scores_of(
+    result: Reconstruction, capture: Capture, truth: Truth, protocol: MetricProtocol
+) -> Scores:
+    """The numbers of a result under a protocol.
+
+    Raises:
+        MethodError: the result has no mesh.
+        DataError: one that cannot be compared.
+        MissingPart: a body cannot be scored without MediaPipe.
+    """
+    if not isinstance(result.mesh, Mesh):
+        raise MethodError("the method returned no mesh", got=type(result.mesh).__name__)
+    # As it is filed: without texture coordinates, whose seams could split its normals. And however
+    # large or far away: it is what the method made.
+    mesh = result.mesh.geometry()
+    outcome, told = scored(mesh, truth.scan, truth.mesh, protocol, misplaced="tell")
+    metrics = dict(outcome.metrics)
+    details = {**result.details, **told}
+    if result.body:
+        metrics |= body_metrics(result.body, capture, truth.mesh, truth.body)
+    if result.normals:
+        details |= normal_details(result.normals, truth.scan, truth.mesh)
+    return Scores(metrics, details)

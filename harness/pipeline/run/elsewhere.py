@@ -1,0 +1,184 @@
+"""Scoring meshes made elsewhere: a pair of files, or a folder with one mesh per subject."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.files.hashing import file_sha256
+from harness.core.files.names import checked_name
+from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh
+from harness.core.privileges import Privilege
+from harness.core.protocols import MethodInfo
+from harness.core.records import MetricValue, Record, Status
+from harness.core.settings import MetricProtocol
+from harness.data.manifest import Dataset, Manifest
+from harness.data.scans import load_scan
+from harness.pipeline.progress import Progress
+from harness.pipeline.run.environment import environment, utc_now
+from harness.pipeline.run.record_inputs import Inputs, scored_elsewhere
+from harness.pipeline.run.store import Outcome, RunStore
+from harness.pipeline.scoring.meshes import labelled_faces, scored
+
+if TYPE_CHECKING:
+    from metrics.score import Score
+
+__all__ = ["FolderRequest", "score_folder", "score_pair"]
+
+
+def score_pair(
+    predicted: Path, truth: Path, protocol: MetricProtocol, *, keep_points: bool = False
+) -> Score:
+    """The metrics of two mesh files that are already in metres and in one frame.
+
+    Raises:
+        DataError: a mesh that cannot be read or compared.
+    """
+    from metrics.score import score
+
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        ours, theirs = pool.map(lambda path: load_mesh(path, seams=True), (predicted, truth))
+    return score(ours, theirs, protocol, keep_points=keep_points, misplaced="refuse")
+
+
+@dataclass(frozen=True, slots=True)
+class FolderRequest:
+    """A folder of meshes named by subject, to be filed as a method.
+
+    Attributes:
+        folder: Holds ``<id>.ply``, ``.obj``, ``.glb``, ``.off`` or ``.stl``: metres, world frame.
+        name: The method's name in records and tables.
+        title: Its title in tables.
+        dataset: What it is measured on: name, entry, root folder and subjects.
+        protocol: How.
+        store: Where records go.
+    """
+
+    folder: Path
+    name: str
+    title: str
+    dataset: tuple[str, Dataset, Path, tuple[str, ...]]
+    protocol: MetricProtocol
+    store: RunStore
+
+
+def dataset_target(
+    manifest: Manifest, name: str, subjects: tuple[str, ...], workspace_root: Path
+) -> tuple[str, Dataset, Path, tuple[str, ...]]:
+    """Name, entry, root folder and subjects of a dataset or split."""
+    resolved, dataset, chosen = manifest.select(name, subjects)
+    return resolved, dataset, manifest.root(resolved, workspace_root), chosen
+
+
+def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
+    """One record per subject of the dataset; a subject without a mesh is ``missing``, not dropped.
+
+    Raises:
+        HarnessError: no such folder, not one mesh named by a subject, or a name that no method may
+            have or that one run here has.
+    """
+    from methods.catalog import METHODS
+
+    checked_name("method", request.name)
+    if request.name in METHODS.targets():
+        raise HarnessError(
+            f"'{request.name}' is a method that is run here",
+            hint="File meshes made elsewhere under another --name",
+        )
+    if not request.folder.is_dir():
+        raise HarnessError(f"no folder at {request.folder}")
+    subjects = request.dataset[3]
+    meshes = {subject: _mesh_of(request.folder, subject) for subject in subjects}
+    if not any(meshes.values()):
+        present = sorted(path.stem for path in request.folder.iterdir())
+        raise DataError(
+            f"{request.folder} holds no mesh of dataset '{request.dataset[0]}'",
+            expected=f"files such as {subjects[0]}.ply",
+            got=", ".join(present[:5]) or "an empty folder",
+            hint=did_you_mean(present[0], subjects) if present else "",
+        )
+    request.store.begin()
+    progress.expect("meshes", len(subjects))
+    outcomes = []
+    for subject, path in meshes.items():
+        with request.store.locked(request.name, subject):
+            outcome = _score_subject(request, subject, path)
+        if outcome.status != "ok":
+            progress.say(outcome.told)
+        progress.done("meshes")
+        outcomes.append(outcome)
+    return outcomes
+
+
+def _mesh_of(folder: Path, subject: str) -> Path | None:
+    found = [folder / f"{subject}{suffix}" for suffix in MESH_SUFFIXES]
+    found = [path for path in found if path.is_file()]
+    if len(found) > 1:
+        raise DataError(
+            f"{folder} holds several meshes of subject '{subject}'",
+            expected="one",
+            got=", ".join(path.name for path in found),
+        )
+    return found[0] if found else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Scored:
+    """What became of one subject's mesh; ``by_mesh`` is False where the truth cannot be read."""
+
+    status: Status
+    reason: str = ""
+    by_mesh: bool = True
+    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
+    details: Mapping[str, object] = field(default_factory=dict[str, object])
+    inputs: Inputs | None = None
+
+
+def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Outcome:
+    """The subject's record, filed; an earlier good one stays where the truth cannot be read."""
+    method = MethodInfo(request.name, request.title, privileges=(Privilege.MADE_ELSEWHERE,))
+    found = _scored(request, method, subject, path)
+    record = Record(
+        key=found.inputs.key if found.inputs else "",
+        method=method.to_dict(),
+        dataset=request.dataset[0],
+        subject=subject,
+        # Made elsewhere: nobody here knows from which photos.
+        recipe="",
+        protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
+        capture={"key": "", "warnings": []},
+        seed=request.protocol.seed,
+        status=found.status,
+        reason=found.reason,
+        metrics=found.metrics,
+        details=found.details,
+        environment=environment(),
+        created_utc=utc_now(),
+        scale_rule=request.dataset[1].scale,
+        inputs=found.inputs.to_dict() if found.inputs else {},
+    )
+    return request.store.file(record, own_failure=found.by_mesh)
+
+
+def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path | None) -> _Scored:
+    name, dataset, root, _ = request.dataset
+    if path is None:
+        return _Scored("missing", f"no mesh of {subject} in {request.folder}")
+    try:
+        scan, truth = load_scan(name, dataset, root, subject)
+        labelled_faces(scan, truth)
+    except HarnessError as error:
+        return _Scored("failed", str(error), by_mesh=False)
+    inputs = scored_elsewhere(method, file_sha256(path), scan, request.protocol)
+    try:
+        predicted = load_mesh(path, seams=True)
+        outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
+    except HarnessError as error:
+        return _Scored("failed", str(error), inputs=inputs)
+    if file_sha256(path) != inputs.mesh:
+        return _Scored("failed", f"{path} changed while it was scored")
+    return _Scored("ok", metrics=outcome.metrics, details=details, inputs=inputs)

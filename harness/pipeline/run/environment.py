@@ -1,0 +1,72 @@
+"""Where and with what a record was made: host, packages, commit."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import harness
+
+__all__ = ["SEALED_LOG", "checkout", "environment", "utc_now"]
+
+SEALED_LOG = "docs/sealed.md"
+"""Where a checkout logs looks at sealed data; a new line in it changes no number."""
+
+_PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe",
+             "onnxruntime")  # fmt: skip
+
+
+def utc_now() -> str:
+    """The present moment, ISO 8601, UTC, whole seconds."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+@cache
+def environment() -> dict[str, object]:
+    """Host, interpreter, package versions, and a checkout's commit and dirty flag."""
+    return {
+        "harness": harness.__version__,
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "packages": {name: _version(name) for name in _PACKAGES},
+        **_commit(),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def checkout() -> Path | None:
+    """The source checkout that this program runs from, or None if it was installed."""
+    folder = Path(__file__).resolve().parents[3]
+    return folder if (folder / ".git").exists() else None
+
+
+def _commit() -> dict[str, object]:
+    folder = checkout()
+    if folder is None:
+        return {"commit": None, "dirty": None}
+    try:
+        commit = _git(folder, "rev-parse", "HEAD")
+        changed = _git(folder, "status", "--porcelain", "--", ".", f":(exclude){SEALED_LOG}")
+        return {"commit": commit, "dirty": bool(changed)}
+    except (OSError, subprocess.SubprocessError):
+        return {"commit": None, "dirty": None}
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(folder), *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=10
+    ).stdout.strip()

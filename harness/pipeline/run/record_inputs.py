@@ -1,0 +1,143 @@
+"""Everything that a record's numbers depend on, as one readable structure; its hash is the key.
+
+Both the run that plans a cell and the worker that carries it out build it, from what lies on disk
+at that moment, with ``evaluated`` or, for meshes made elsewhere, ``scored_elsewhere``.
+
+Code counts by import closure (``harness.core.process.source_digest``): the method's module; the
+scan's reader; ``harness.pipeline.run.cell``, which reconstructs and scores. How bodies and normal
+maps are scored, and how the scan's normals are lent, counts only for methods whose code can use it:
+a method without the name ``Body`` anywhere in its code cannot hand out a body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from harness.core.artifacts import Capture, Scan
+from harness.core.files.hashing import content_hash
+from harness.core.privileges import Privilege
+from harness.core.process.source_digest import SourceDigest, SourceTree
+from harness.core.protocols import MethodInfo
+from harness.core.settings import MetricProtocol
+
+__all__ = ["Inputs", "evaluated", "method_code", "scored_elsewhere"]
+
+_KEYS_OWN = SourceTree.__module__
+_CELL = "harness.pipeline.run.cell"
+_MESH_SCORING = "harness.pipeline.scoring.meshes"
+_MESH_READING = "harness.core.formats.mesh_files"
+_BODY_SCORING = "harness.pipeline.scoring.bodies"
+_NORMAL_SCORING = "harness.pipeline.scoring.normals"
+_ORACLE = "harness.pipeline.run.oracle_normals"
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a record was made from.
+
+    Attributes:
+        method: ``MethodInfo.identity()``.
+        code: Digest by module of the method, of what reads the scan, and of what scores.
+        packages: Version by name of each package that these modules import.
+        photos: The capture's key; empty where the mesh was made elsewhere.
+        truth: ``Scan.truth_identity()``.
+        protocol: ``MetricProtocol.to_dict()``.
+        seed: Root seed of the run.
+        mesh: sha256 of a mesh that was made elsewhere; else empty.
+    """
+
+    method: Mapping[str, object]
+    code: Mapping[str, str]
+    packages: Mapping[str, str]
+    photos: str
+    truth: Mapping[str, object]
+    protocol: Mapping[str, object]
+    seed: int
+    mesh: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values, as records hold them."""
+        return asdict(self)
+
+    @property
+    def key(self) -> str:
+        """Content id."""
+        return content_hash(self.to_dict())
+
+
+def evaluated(
+    method: MethodInfo,
+    module: str,
+    capture: Capture,
+    scan: Scan,
+    protocol: MetricProtocol,
+    seed: int,
+) -> Inputs:
+    """What a method's record on a subject is made from now.
+
+    Args:
+        method: With the settings that it runs with.
+        module: In which the catalogue has it.
+        capture: The photos as they lie on disk.
+        scan: Likewise.
+        protocol: Of the metrics.
+        seed: Root seed of the run.
+
+    Raises:
+        HarnessError: the source of the method is not there.
+    """
+    code = method_code(module, method.privileges) | _reader(scan)
+    return Inputs(
+        method=method.identity(),
+        code=code.modules,
+        packages=code.packages,
+        photos=capture.key,
+        truth=scan.truth_identity(),
+        protocol=protocol.to_dict(),
+        seed=seed,
+    )
+
+
+def scored_elsewhere(
+    method: MethodInfo, mesh_sha256: str, scan: Scan, protocol: MetricProtocol
+) -> Inputs:
+    """What the record of a mesh that was made elsewhere is made from now."""
+    scoring = SourceTree.installed().digest([_MESH_SCORING, _MESH_READING], [_KEYS_OWN])
+    code = scoring | _reader(scan)
+    return Inputs(
+        method=method.identity(),
+        code=code.modules,
+        packages=code.packages,
+        photos="",
+        truth=scan.truth_identity(),
+        protocol=protocol.to_dict(),
+        seed=protocol.seed,
+        mesh=mesh_sha256,
+    )
+
+
+def _reader(scan: Scan) -> SourceDigest:
+    return SourceDigest(scan.reader.get("code", {}), scan.reader.get("packages", {}))
+
+
+def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
+    """The code that makes and scores the results of a method.
+
+    Args:
+        module: In which the catalogue has it.
+        privileges: Of the method.
+
+    Raises:
+        HarnessError: its source is not there.
+    """
+    tree = SourceTree.installed(module)
+    own = tree.digest([module], [_KEYS_OWN])
+    unused = [_KEYS_OWN]
+    if not own.uses("Body"):
+        unused.append(_BODY_SCORING)
+    if not own.uses("NormalMaps"):
+        unused.append(_NORMAL_SCORING)
+    if Privilege.ORACLE_NORMALS not in privileges:
+        unused.append(_ORACLE)
+    return own | tree.digest([_CELL], unused)

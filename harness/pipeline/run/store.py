@@ -1,0 +1,190 @@
+"""The record store: one folder per cell (method x subject), one ``record.json`` in each."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.files.atomic import exclusive_lock, remove_leftovers, write_json
+from harness.core.files.hashing import file_sha256
+from harness.core.files.names import checked_name
+from harness.core.records import Record
+from harness.pipeline.inputs.workspace import Workspace
+
+__all__ = ["Outcome", "RunStore"]
+
+_RUN_FILE = "run.json"
+_RESULTS = ("mesh.ply", "body.npz", "normals.npz", "work")
+_ATTEMPT = ".attempt"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What there is of a cell after a run.
+
+    Attributes:
+        record: The cell's.
+        cached: Whether it was there before, and is current.
+        kept: Why it is an older good record that stays though it is not current; else empty.
+    """
+
+    record: Record
+    cached: bool = False
+    kept: str = ""
+
+    @property
+    def status(self) -> str:
+        """The record's, or ``stale`` for one that stays."""
+        return "stale" if self.kept else self.record.status
+
+    @property
+    def told(self) -> str:
+        """One line on what a cell that is not ``ok`` is."""
+        cell = f"{self.record.method_name} on {self.record.subject}"
+        if self.kept:
+            return (
+                f"{cell} keeps its good record of {self.record.created_utc}, which could not be "
+                f"made anew: {self.kept}"
+            )
+        return f"{cell} {self.record.status}: {self.record.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class RunStore:
+    """The records of one run.
+
+    Attributes:
+        directory: ``runs/<name>``.
+    """
+
+    directory: Path
+
+    def begin(self) -> None:
+        """Make the run's folder if it is not there; the run becomes the last one."""
+        write_json(self.directory / _RUN_FILE, {"schema": 1, "name": self.directory.name})
+
+    @classmethod
+    def existing(cls, workspace: Workspace, name: str | None) -> RunStore:
+        """A run by name, or the one last written to.
+
+        Raises:
+            HarnessError: no such run, or no run at all.
+        """
+        marks = {mark.parent.name: mark for mark in workspace.runs.glob(f"*/{_RUN_FILE}")}
+        if name is None:
+            if not marks:
+                raise HarnessError(
+                    f"no run below {workspace.runs}",
+                    hint="Make one with 'harness quickstart' or 'harness eval --method hull8'",
+                )
+            name = max(marks, key=lambda run: marks[run].stat().st_mtime)
+        if name not in marks:
+            raise HarnessError(
+                f"no run '{name}' below {workspace.runs}", hint=did_you_mean(name, marks)
+            )
+        return cls(workspace.run(name))
+
+    def cell(self, method: str, subject: str) -> Path:
+        """Folder of one cell."""
+        return self.directory / checked_name("method", method) / checked_name("subject", subject)
+
+    def record(self, method: str, subject: str) -> Record | None:
+        """The record of one cell, or None where there is none yet."""
+        path = self.cell(method, subject) / "record.json"
+        return Record.load(path) if path.is_file() else None
+
+    def records(self) -> list[Record]:
+        """All records, by method and subject.
+
+        Raises:
+            DataError: a record that cannot be read; it is never skipped.
+        """
+        return [Record.load(path) for path in sorted(self.directory.glob("*/*/record.json"))]
+
+    @contextmanager
+    def locked(self, method: str, subject: str) -> Iterator[None]:
+        """Hold one cell, so that two runs at once do not do the same work or mix their files.
+
+        Raises:
+            Interrupted: the run was stopped while it waited.
+        """
+        cell = self.cell(method, subject)
+        with exclusive_lock(cell / ".lock"):
+            remove_leftovers(cell / "record.json")
+            self.attempt(method, subject)
+            try:
+                yield
+            finally:
+                shutil.rmtree(cell / _ATTEMPT, ignore_errors=True)
+
+    def attempt(self, method: str, subject: str) -> Path:
+        """A fresh folder for the results of one attempt at a cell that is held.
+
+        What the cell holds stays untouched until ``file``.
+        """
+        folder = self.cell(method, subject) / _ATTEMPT
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        return folder
+
+    def file(self, record: Record, *, own_failure: bool = True) -> Outcome:
+        """Put a record, and the results of the last attempt, in the place of what a cell holds.
+
+        Args:
+            record: Of a cell that is held.
+            own_failure: Whether a failure is the method's; one that is not leaves a good record.
+
+        Raises:
+            DataError: a full disk or a missing right.
+        """
+        if record.status != "ok" and not own_failure:
+            good = self._good_record(record)
+            if good is not None:
+                return Outcome(good, kept=record.reason)
+        self._put_in_place(record)
+        return Outcome(record)
+
+    def _good_record(self, record: Record) -> Record | None:
+        try:
+            found = self.record(record.method_name, record.subject)
+        except DataError:
+            return None
+        return found if found is not None and found.status == "ok" else None
+
+    def _put_in_place(self, record: Record) -> None:
+        cell = self.cell(record.method_name, record.subject)
+        for name in _RESULTS:
+            new, old = cell / _ATTEMPT / name, cell / name
+            if old.is_dir():
+                shutil.rmtree(old)
+            if name in record.files or (record.status == "ok" and new.is_dir()):
+                new.replace(old)
+            else:
+                old.unlink(missing_ok=True)
+        record.save(cell / "record.json")
+
+    def result(self, record: Record, name: str) -> Path:
+        """The file of a record's result, such as ``mesh.ply``, which is still what was measured.
+
+        Raises:
+            DataError: the record has none, or the file is gone or another one.
+        """
+        path = self.cell(record.method_name, record.subject) / name
+        expected = record.files.get(name)
+        if expected is None:
+            raise DataError(
+                f"the record of {record.method_name} on {record.subject} has no {name}",
+                hint="Evaluate again: records of earlier versions do not tell their files",
+            )
+        if not path.is_file() or file_sha256(path) != expected:
+            raise DataError(
+                f"{path} is not what its record measured",
+                expected=f"sha256 {expected[:12]}…",
+                got=f"{file_sha256(path)[:12]}…" if path.is_file() else "no file",
+                hint="Delete the record beside it and evaluate again",
+            )
+        return path

@@ -1,0 +1,1 @@
+"""The numbers of one result: meshes, bodies and normal maps against the truth."""

@@ -1,0 +1,166 @@
+"""What a normal estimator is trained on: photos, bodies and clothed normals of one subject.
+
+Photos are ray-cast from the textured scan under drawn cameras and light; the bodies are the true
+one with errors such as a fit has; the targets are the scan's normals on its near and far side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Scan
+from harness.core.cameras.camera import Camera
+from harness.core.files.atomic import atomic_path
+from harness.core.files.hashing import content_hash, derive_seed
+from harness.core.mesh import Mesh
+from harness.core.process.workers import Progress
+from harness.geometry.images import load_rgb, packed_normals
+from harness.geometry.occlusion import lit_share, vertex_openness
+from harness.geometry.raycast import Hits, Raycaster
+from harness.geometry.sides import SidedRaycaster
+from harness.geometry.texture import linear_texture, texture_at
+from harness.pipeline.inputs.true_parameters import true_parameters
+from harness.pipeline.training.light import Light, developed, drawn_camera, drawn_light
+from methods.body.models.anny_body import AnnyBody
+from methods.body.models.perturbation import FitErrors, as_fitted
+from renderers.protocol import texture_of
+
+__all__ = ["SAMPLES_VERSION", "SampleSettings", "make_samples", "samples_key"]
+
+Floats = NDArray[np.float64]
+
+SAMPLES_VERSION = 1
+"""Changes whenever any output does."""
+
+#: Rays along each side of a pixel of the photo.
+_SUPERSAMPLE = 2
+_OPENNESS_RAYS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class SampleSettings:
+    """Which samples are made of a subject.
+
+    Attributes:
+        views: How many.
+        side_px: Of the square that the subject fills, as methods crop it.
+        width_px, height_px: Of the window within the square that is kept.
+        seed: Of cameras, light and body errors.
+    """
+
+    views: int = 32
+    side_px: int = 512
+    width_px: int = 320
+    height_px: int = 480
+    seed: int = 0
+
+
+def samples_key(scan: Scan, settings: SampleSettings) -> str:
+    """Content id of everything that a subject's samples are made from."""
+    return content_hash(
+        {
+            "version": SAMPLES_VERSION,
+            "scan": scan.identity(),
+            "settings": asdict(settings),
+            "errors": asdict(FitErrors()),
+        }
+    )
+
+
+def make_samples(
+    scan: Scan, mesh: Mesh, settings: SampleSettings, path: Path, progress: Progress
+) -> None:
+    """Write a subject's samples as one ``.npz``.
+
+    ``rgb`` (N, H, W, 3) uint8, black outside the subject; ``mask`` (N, H, W) bool; and int8 unit
+    normals (N, H, W, 3) in steps of 1/127, map frame, 0 where there are none: ``front`` and
+    ``back`` of the scan, ``body_front`` and ``body_back``.
+
+    Raises:
+        DataError: a scan without texture or without an Anny body beside it.
+    """
+    studio = _Studio(scan, mesh, settings.seed)
+    samples: dict[str, list[NDArray[np.generic]]] = {}
+    for view in range(settings.views):
+        seed = derive_seed(settings.seed, "normal-sample", scan.subject, view)
+        for name, array in studio.sample(settings, seed).items():
+            samples.setdefault(name, []).append(array)
+        progress(view + 1, settings.views)
+    arrays = {name: np.stack(rows) for name, rows in samples.items()}
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, key=np.array(samples_key(scan, settings)), **arrays)
+
+
+class _Studio:
+    """One subject, ready to be photographed."""
+
+    def __init__(self, scan: Scan, mesh: Mesh, seed: int) -> None:
+        self._texture = linear_texture(load_rgb(texture_of(mesh)))
+        self._caster = Raycaster(mesh)
+        self._openness = vertex_openness(
+            self._caster, _OPENNESS_RAYS, derive_seed(seed, "openness", scan.subject)
+        )[:, None]
+        self._sides = SidedRaycaster(mesh.geometry())
+        self._body = AnnyBody()
+        self._truth = true_parameters(scan)
+        self._turn, self._shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
+
+    def sample(self, settings: SampleSettings, seed: int) -> dict[str, NDArray[np.generic]]:
+        draw = np.random.default_rng(seed)
+        size = (settings.side_px, settings.width_px, settings.height_px)
+        camera = drawn_camera(self._caster.mesh.vertices, size, draw)
+        rgb, mask = self._photo(camera, drawn_light(camera, draw), draw)
+        fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
+        skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
+        body = SidedRaycaster(skin)
+        return {
+            "rgb": np.round(255 * rgb).astype(np.uint8),
+            "mask": mask,
+            "front": packed_normals(self._sides.normals(camera, "near")),
+            "back": packed_normals(self._sides.normals(camera, "far")),
+            "body_front": packed_normals(body.normals(camera, "near")),
+            "body_back": packed_normals(body.normals(camera, "far")),
+        }
+
+    def _photo(
+        self, camera: Camera, light: Light, draw: np.random.Generator
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """(H, W, 3) sRGB, black outside, and the mask (H, W), as a working picture has them."""
+        n = _SUPERSAMPLE
+        fine = camera.resized(camera.width * n, camera.height * n)
+        hits = self._caster.cast(fine)
+        linear = np.zeros((*hits.mask.shape, 3))
+        linear[hits.mask] = self._radiance(hits, fine, light)
+        blocks = (camera.height, n, camera.width, n)
+        coverage = hits.mask.reshape(blocks).mean(axis=(1, 3))
+        total = linear.reshape(*blocks, 3).mean(axis=(1, 3))
+        straight = total / np.where(coverage > 0, coverage, 1.0)[..., None]
+        mask = coverage >= 0.5
+        picture = np.zeros_like(straight)
+        # Displays blend in sRGB, and so do working pictures: over black, by coverage.
+        picture[mask] = developed(straight[mask], light, draw) * coverage[mask][:, None]
+        return picture, mask
+
+    def _radiance(self, hits: Hits, camera: Camera, light: Light) -> Floats:
+        """(N, 3) linear light that leaves each hit towards the camera."""
+        mesh = self._caster.mesh
+        normals = self._caster.normals_at(hits, camera, "world")[hits.mask]
+        albedo = texture_at(hits, mesh, self._texture)[hits.mask]
+        openness = hits.interpolate(self._openness, mesh.faces)[hits.mask]
+        rows, columns = np.nonzero(hits.mask)
+        pixels = np.stack([columns, rows], axis=1) + 0.5
+        points = camera.unproject(pixels, hits.depth[hits.mask])
+        arriving = openness * light.even
+        for lamp in light.lamps:
+            toward = lamp.points.mean(axis=0) - points
+            toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+            facing = np.maximum((normals * toward).sum(axis=1), 0.0)
+            lit = np.flatnonzero(facing > 0)
+            share = np.zeros(len(points))
+            share[lit] = lit_share(self._caster, points[lit], normals[lit], lamp.points)
+            arriving = arriving + (facing * share)[:, None] * lamp.colour
+        return albedo * arriving

@@ -1,0 +1,1 @@
+"""Fitting one body to N calibrated views: costs, priors and optimisation."""

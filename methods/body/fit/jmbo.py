@@ -1,0 +1,298 @@
+"""JMBO: one body fitted jointly to the silhouettes, normals and landmarks of N calibrated views.
+
+Source: MExECON, section "Joint Multi-view Body Optimization". The cost is the paper's; the
+authors' code differs from it in ways that are not followed here: its normal term is signed, its
+head weight is 0.3, its landmarks are mirrored against its silhouettes, and it looks at every view
+through an orthographic crop that knows of the cameras nothing but their rotation. Every view here
+has its full perspective camera, wherever it stands and however it is pitched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.cameras.camera import Camera
+from methods.body.fit.evidence import Evidence
+from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost
+from methods.body.fit.prior import BodyPrior
+from methods.body.fit.projection import Projector
+from methods.body.fit.silhouette import SilhouetteTarget, clothed, silhouette_cost
+from methods.body.fit.surface import BodySurface, Topology, vertex_normals
+from methods.body.fit.weights import PUBLISHED_CONFIDENCE, PUBLISHED_LANDMARKS, Weights
+from methods.body.models.model import LandmarkTable, Parameters, ParametricBody, Posed, box_middle
+from methods.body.photos.views import Views
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["Fit", "NormalsOf", "head_cost", "hold_depth", "optimise"]
+
+#: Makes the clothed normals (H, W, 3) of every view, map frame, for one body's vertices (V, 3).
+NormalsOf = Callable[[NDArray[np.float64]], Sequence[NDArray[np.float64]]]
+
+_FACTOR, _PATIENCE, _LEAST_RATE = 0.5, 5, 1e-5
+#: Of the ramp: shares of the iterations at which the full step is reached and left, first and last
+#: share of the full step.
+_FULL, _FALLING, _LEAST_SHARE = 0.1, 0.6, 0.1
+#: Converged: the mean cost of this many iterations is less than this share below that of the same
+#: number before. Not asked earlier than after three times as many.
+_WINDOW, _IMPROVEMENT = 10, 2e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """How an optimisation went.
+
+    Attributes:
+        parameters: The one body's, as ``Weights.keep`` asks.
+        costs: Total cost at each iteration.
+        terms: Mean over views of each unweighted term, at the start and at the end.
+        ended: ``converged`` or ``iterations``.
+    """
+
+    parameters: dict[str, Tensor]
+    costs: tuple[float, ...]
+    terms: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+    ended: Literal["converged", "iterations"] = "iterations"
+
+
+def optimise(
+    body: ParametricBody,
+    views: Views,
+    start: Parameters,
+    weights: Weights,
+    seed: int,
+    normals_of: NormalsOf | None = None,
+) -> Fit:
+    """The body that the views agree on best, starting from parameters of one body.
+
+    Memory does not grow with the views: each view's gradient is added to the vertices' and its
+    graph dropped before the next is looked at. ``batch`` bounds the time of an iteration as well.
+    One view's body is held at the distance of the subject's place, or where that is not known at
+    the distance that the start has.
+
+    Args:
+        body: Whose parameters are sought.
+        views: Usable ones.
+        start: Parameters of one body.
+        weights: Of the cost, and how it is brought down.
+        seed: Of the order of mini-batches.
+        normals_of: Estimates the views' normals anew; asked every ``weights.normals_every``
+            iterations.
+    """
+    import torch
+
+    problem = _Problem(body, views, weights)
+    held_m = _held_distance_m(body, views, start)
+    parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
+    optimiser = torch.optim.Adam(list(parameters.values()), lr=weights.rate, amsgrad=True)
+    plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
+        optimiser, factor=_FACTOR, patience=_PATIENCE, min_lr=_LEAST_RATE
+    )
+    turns = _batches(len(views.views), weights, seed)
+    costs: list[float] = []
+    terms: list[dict[str, float]] = []
+    best = {name: value.detach().clone() for name, value in parameters.items()}
+    ended: Literal["converged", "iterations"] = "iterations"
+    keeps_last = bool(weights.batch) or weights.keep == "last"
+    for iteration, chosen in enumerate(turns):
+        if held_m is not None:
+            hold_depth(body, parameters, views.views[0].camera, held_m)
+        if normals_of is not None and _is_due(iteration, weights.normals_every):
+            problem.compare_with(normals_of(problem.vertices(parameters)))
+        optimiser.zero_grad()
+        if weights.schedule == "ramp":
+            optimiser.param_groups[0]["lr"] = weights.rate * _ramp(iteration / len(turns))
+        cost, found = problem.step(parameters, chosen)
+        # With mini-batches the costs of two iterations are of different views: the last one counts.
+        if keeps_last or not costs or cost < min(costs):
+            best = {name: value.detach().clone() for name, value in parameters.items()}
+        costs.append(cost)
+        terms.append(found)
+        optimiser.step()
+        if weights.schedule == "plateau":
+            plateau.step(cost)
+        if weights.early_stop and not weights.batch and _converged(costs):
+            ended = "converged"
+            break
+    return Fit(best, tuple(costs), _first_and_kept(costs, terms, keeps_last=keeps_last), ended)
+
+
+def _first_and_kept(
+    costs: Sequence[float], terms: Sequence[Mapping[str, float]], *, keeps_last: bool
+) -> dict[str, tuple[float, float]]:
+    """Each term at the start and at the iterate that is kept."""
+    kept = -1 if keeps_last else int(np.argmin(costs))
+    return {name: (value, terms[kept][name]) for name, value in terms[0].items()} if terms else {}
+
+
+def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:
+    """The views of each iteration; in mini-batches every view comes equally often."""
+    if not 0 < weights.batch < count:
+        return [range(count)] * weights.iterations
+    generator = np.random.default_rng(seed)
+    order: list[int] = []
+    while len(order) < weights.iterations * weights.batch:
+        order += generator.permutation(count).tolist()
+    starts = range(0, weights.iterations * weights.batch, weights.batch)
+    return [order[start : start + weights.batch] for start in starts]
+
+
+def _ramp(progress: float) -> float:
+    """Share of the full step at a progress from 0 to 1."""
+    rising = min(1.0, _LEAST_SHARE + (1.0 - _LEAST_SHARE) * progress / _FULL)
+    falling = max(0.0, progress - _FALLING) / (1.0 - _FALLING)
+    return rising * (1.0 - (1.0 - _LEAST_SHARE) * falling)
+
+
+def _is_due(iteration: int, every: int) -> bool:
+    """Whether normals are estimated anew; the views bring those of the start along."""
+    return every > 0 and iteration > 0 and iteration % every == 0
+
+
+def _converged(costs: Sequence[float]) -> bool:
+    if len(costs) < 3 * _WINDOW:
+        return False
+    before, after = np.mean(costs[-2 * _WINDOW : -_WINDOW]), np.mean(costs[-_WINDOW:])
+    return bool(0 <= before - after < _IMPROVEMENT * before)
+
+
+def hold_depth(
+    body: ParametricBody, parameters: dict[str, Tensor], camera: Camera, distance_m: float
+) -> None:
+    """Move one body along a camera's axis until the middle of its box is at a distance, metres.
+
+    One view does not tell size from distance: left free, a body walks away and grows.
+    """
+    import torch
+
+    forward = torch.tensor(camera.forward).to(parameters["translation"])
+    position = torch.tensor(camera.position.copy()).to(forward)
+    with torch.no_grad():
+        middle = box_middle(body.posed(parameters).vertices)
+        off = (middle - position) @ forward - distance_m
+        parameters["translation"] -= off[:, None] * forward
+
+
+def _held_distance_m(body: ParametricBody, views: Views, start: Parameters) -> float | None:
+    """The distance at which the body of a single view is held; None with more views."""
+    import torch
+
+    if len(views.views) > 1:
+        return None
+    view = views.views[0]
+    if view.place.depth_is_known:
+        return view.place.distance_m(view.camera)
+    with torch.no_grad():
+        middle = box_middle(body.posed(start).vertices)[0].double().numpy()
+    return float(view.camera.forward @ (middle - view.camera.position))
+
+
+def head_cost(body: ParametricBody, posed: Posed) -> Tensor:
+    """1 - cosine between the head's own upward axis and the world's.
+
+    Source: MExECON, equation of the head loss, with both vectors of unit length.
+    """
+    return 1.0 - posed.turns[0, body.roles["head"], 1, 1]
+
+
+class _Problem:
+    """The cost of one body in all views."""
+
+    def __init__(self, body: ParametricBody, views: Views, weights: Weights) -> None:
+        self.body, self.weights = body, weights
+        self.topology = Topology(body.faces)
+        self.prior = BodyPrior(body)
+        self.evidence = Evidence(views.views, views.detections, body.landmarks)
+        self.counted = _counted(self.evidence, body.landmarks, weights.landmarks)
+        self.silhouettes = [
+            SilhouetteTarget(
+                Projector(view.camera),
+                view.coverage,
+                view.side_px**2,
+                clothed(view.coverage, weights.uncovered, weights.standoff_m / metres),
+            )
+            for view, metres in zip(views.views, self.evidence.metres_per_px.tolist(), strict=True)
+        ]
+        self.views = views.views
+        self.compare_with([view.normals_camera for view in views.views])
+
+    def compare_with(self, normals_camera: Sequence[NDArray[np.float64] | None]) -> None:
+        """Take these normals (H, W, 3) of the views, map frame, from now on; None for none."""
+        self.normals = [
+            None
+            if normals is None
+            else NormalTarget(Projector(view.camera), normals, view.side_px**2)
+            for view, normals in zip(self.views, normals_camera, strict=True)
+        ]
+
+    def vertices(self, parameters: Parameters) -> NDArray[np.float64]:
+        """(V, 3) world metres of the one body."""
+        import torch
+
+        with torch.no_grad():
+            return self.body.posed(parameters).vertices[0].double().numpy()
+
+    def step(self, parameters: Parameters, chosen: Sequence[int]) -> tuple[float, dict[str, float]]:
+        """The cost, with its gradient added to the parameters', and the terms' means over views."""
+        import torch
+
+        posed = self.body.posed(parameters)
+        vertices, points = posed.vertices[0], self.body.landmark_points(posed)[0]
+        normals = vertex_normals(vertices, self.topology.faces_tensor)
+        # Views are looked at one by one from these, so that only one view's graph is held.
+        leaves = [made.detach().requires_grad_() for made in (vertices, points, normals)]
+        surface = BodySurface(vertices.detach().cpu().double().numpy(), self.topology)
+        total = 0.0
+        sums: dict[str, float] = dict.fromkeys(("silhouette", "normal", "landmark"), 0.0)
+        share = len(self.silhouettes) / len(chosen)
+        for view in chosen:
+            terms = self._terms(view, leaves, surface)
+            cost = share * sum(getattr(self.weights, name) * term for name, term in terms.items())
+            if isinstance(cost, torch.Tensor):
+                cost.backward()
+                total += cost.item()
+            for name, term in terms.items():
+                sums[name] += term.item() / len(chosen)
+        head = head_cost(self.body, posed)
+        rest = self.weights.head * head + self.weights.prior * self.prior(parameters).sum()
+        total += rest.item()
+        for made, leaf in zip((vertices, points, normals), leaves, strict=True):
+            if leaf.grad is not None:
+                rest = rest + (leaf.grad * made).sum()
+        rest.backward()
+        return total, {**sums, "head": head.item()}
+
+    def _terms(
+        self, view: int, leaves: Sequence[Tensor], surface: BodySurface
+    ) -> dict[str, Tensor]:
+        vertices, points, normals = leaves
+        terms, hits = {}, None
+        wanted = self.normals[view] if self.weights.normal else None
+        if wanted is not None:
+            hits = surface.caster.cast(wanted.projector.camera)
+            skin = Skin(vertices, normals, self.topology.faces_tensor)
+            terms["normal"] = normal_cost(skin, hits, wanted)
+        if self.weights.silhouette:
+            mask = None if hits is None else hits.mask
+            target = self.silhouettes[view]
+            terms["silhouette"] = silhouette_cost(vertices, surface, target, mask)
+        if self.weights.landmark:
+            terms["landmark"] = self.evidence.loss(points, view, self.counted)
+        return terms
+
+
+def _counted(evidence: Evidence, table: LandmarkTable, chosen: str) -> Tensor:
+    """(N, K) 1 for each landmark that is compared, 0 for the others."""
+    import torch
+
+    if chosen == "all":
+        return torch.ones_like(evidence.confidence)
+    known = torch.from_numpy(np.isin(table.landmarks, PUBLISHED_LANDMARKS))
+    trust = torch.from_numpy(table.trust).clamp_min(1e-6)
+    return (known & (evidence.confidence / trust > PUBLISHED_CONFIDENCE)).to(evidence.confidence)

@@ -1,0 +1,78 @@
+"""Bodies as a fit gives them: a true Anny body with errors of the size that fits have.
+
+A normal estimator meets fitted bodies, so it is trained on these and not on the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from methods.body.models.anny_body import AnnyBody
+
+__all__ = ["FitErrors", "TrueParameters", "as_fitted"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueParameters:
+    """What re-creates an Anny body, as the avatars' files hold it.
+
+    Attributes:
+        pose_parameters: (J, 4, 4) in Anny's axes, ``local-ref``.
+        phenotype: Values in [0, 1] by name.
+        off_model_m: How far the true surface is (root mean square) from the one that these give;
+            0 where the body is one of Anny's. Joints are where these put them either way.
+    """
+
+    pose_parameters: Floats
+    phenotype: dict[str, float]
+    off_model_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FitErrors:
+    """Standard deviations of a fit's errors.
+
+    Attributes:
+        joint_deg: Rotation of each free joint, about each axis.
+        root_deg: Rotation of the whole body, about each axis.
+        place_m: Its place, along each axis.
+        phenotype: Each phenotype value.
+        spread: Deviation of the logarithm of one factor on all of these: some fits are good and
+            some are bad.
+    """
+
+    joint_deg: float = 1.4
+    root_deg: float = 0.8
+    place_m: float = 0.008
+    phenotype: float = 0.04
+    spread: float = 0.5
+
+
+def as_fitted(body: AnnyBody, truth: TrueParameters, errors: FitErrors, seed: int) -> Floats:
+    """(V, 3) metres: the vertices of a body that a fit might have found, in the truth's frame.
+
+    Joints that fits do not turn, such as the fingers', are at rest. Equal seeds give equal bodies.
+    """
+    from scipy.spatial.transform import Rotation
+
+    draw = np.random.default_rng(seed)
+    scale = float(np.exp(draw.normal(0.0, errors.spread)))
+    turned = [0, *(body.joint_names.index(joint.name) for joint in body.free)]
+    pose = np.tile(np.eye(4), (len(truth.pose_parameters), 1, 1))
+    pose[turned] = truth.pose_parameters[turned]
+    degrees = np.array([errors.root_deg, *[errors.joint_deg] * len(body.free)])[:, None]
+    turns = Rotation.from_rotvec(
+        np.radians(scale * degrees * draw.normal(size=(len(turned), 3)))
+    ).as_matrix()
+    pose[turned, :3, :3] = turns @ pose[turned, :3, :3]
+    pose[0, :3, 3] += scale * errors.place_m * draw.normal(size=3)
+    phenotype = {
+        name: float(np.clip(value + scale * errors.phenotype * draw.normal(), 0.0, 1.0))
+        for name, value in truth.phenotype.items()
+    }
+    return body.posed_as(pose, phenotype).vertices[0].double().numpy()

@@ -1,0 +1,194 @@
+"""SMPL-X as a body for the fit, from the user's own licensed model file.
+
+Source: Pavlakos et al., Expressive Body Capture, CVPR 2019; PyPI ``smplx``. Its rest frame is the
+world's (+Y up, facing +Z) and its local axes are parallel to it, so poses need no conversion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from methods.body.models.anatomy import blend_landmarks, free_joint, table
+from methods.body.models.model import MAIN_JOINTS, FreeJoint, LandmarkTable, Parameters, Posed
+from methods.body.models.parts import body_part
+from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["SmplxBody"]
+
+_BODY_JOINTS = 21
+#: What the fit leaves as it is unless it is given: size of each of the model's other parameters.
+_RESTING = {
+    "expression": EXPRESSIONS,
+    "jaw_pose": 3,
+    "leye_pose": 3,
+    "reye_pose": 3,
+    "left_hand_pose": HAND,
+    "right_hand_pose": HAND,
+}
+_FREE_ROLES = {
+    "spine1": "spine", "spine2": "spine", "spine3": "spine", "neck": "neck", "head": "head",
+    "collar": "clavicle", "shoulder": "shoulder", "elbow": "elbow", "wrist": "wrist",
+    "hip": "hip", "knee": "knee", "ankle": "ankle", "foot": "foot",
+}  # fmt: skip
+#: Single vertices that the package names: face and feet.
+_POINTS = {0: "nose", 2: "leye", 5: "reye", 7: "lear", 8: "rear", 29: "LHeel", 30: "RHeel",
+           31: "LBigToe", 32: "RBigToe"}  # fmt: skip
+#: Landmarks at joints, as the model's own regressor blends them from the skin.
+_AT_JOINTS = {11: "left_shoulder", 12: "right_shoulder", 13: "left_elbow", 14: "right_elbow",
+              15: "left_wrist", 16: "right_wrist", 17: "left_pinky1", 18: "right_pinky1",
+              19: "left_index1", 20: "right_index1", 21: "left_thumb2", 22: "right_thumb2",
+              23: "left_hip", 24: "right_hip", 25: "left_knee", 26: "right_knee",
+              27: "left_ankle", 28: "right_ankle"}  # fmt: skip
+_KNUCKLE_TRUST = 0.3
+_BLENDED = 32
+
+
+class SmplxBody:
+    """SMPL-X with 21 free joints and 10 shape values; face, eyes and hands rest unless given."""
+
+    name = "smplx"
+
+    def __init__(self, model_file: str | Path) -> None:
+        import torch
+        from smplx.joint_names import JOINT_NAMES
+
+        path = Path(model_file) if model_file else None
+        self._model = load_model(path)
+        self.part = body_part(self.name, str(model_file))
+        self.faces: NDArray[np.int32] = np.asarray(self._model.faces).astype(np.int32)
+        self.joint_names = tuple(JOINT_NAMES[:JOINTS])
+        self.roles: Mapping[str, int] = {
+            role: self.joint_names.index(role) for role in (*MAIN_JOINTS, "head")
+        }
+        self.free = tuple(_free(name) for name in self.joint_names[1 : _BODY_JOINTS + 1])
+        self.shape_prior = np.stack([np.zeros(BETAS), np.ones(BETAS)]).astype(np.float32)
+        self.landmarks = _landmark_table(self._model, self.joint_names)
+        self.regions: Mapping[str, NDArray[np.bool_]] = _regions(self._model, self.joint_names)
+        self._parents = [int(parent) for parent in self._model.parents]
+        self._torch = torch
+
+    def __call__(self, parameters: Parameters) -> tuple[Tensor, Tensor]:
+        """Vertices (B, 10475, 3) and joints (B, 55, 3), metres, world frame."""
+        posed = self.posed(parameters)
+        return posed.vertices, posed.joints
+
+    def posed(self, parameters: Parameters) -> Posed:
+        """The bodies of some parameters, world frame.
+
+        ``pose`` may also be (B, 21, 3, 2), the first two columns of each rotation. ``expression``,
+        ``jaw_pose``, ``leye_pose``, ``reye_pose``, ``left_hand_pose`` and ``right_hand_pose`` are
+        taken as the package takes them, where they are given.
+        """
+        import roma
+
+        torch = self._torch
+        pose = parameters["pose"]
+        if pose.ndim == 4:
+            pose = roma.rotmat_to_rotvec(roma.special_gramschmidt(pose))
+        batch = len(pose)
+        resting = {
+            name: parameters.get(name, pose.new_zeros(batch, size))
+            for name, size in _RESTING.items()
+        }
+        output = self._model(
+            betas=parameters["shape"],
+            body_pose=pose.reshape(batch, -1),
+            # The root is turned below: a rotation vector has no gradient at half a turn.
+            global_orient=pose.new_zeros(batch, 3),
+            transl=pose.new_zeros(batch, 3),
+            return_full_pose=True,
+            **resting,
+        )
+        root = roma.special_gramschmidt(parameters["orientation"])
+        pelvis = output.joints[:, :1]
+        place = parameters["translation"][:, None]
+        local = roma.rotvec_to_rotmat(output.full_pose.reshape(batch, JOINTS, 3))
+        turns = [root]
+        for joint in range(1, JOINTS):
+            turns.append(turns[self._parents[joint]] @ local[:, joint])
+        return Posed(
+            vertices=(output.vertices - pelvis) @ root.transpose(1, 2) + place,
+            joints=(output.joints[:, :JOINTS] - pelvis) @ root.transpose(1, 2) + place,
+            turns=torch.stack(turns, 1),
+        )
+
+    def landmark_points(self, posed: Posed) -> Tensor:
+        """(B, K, 3) metres: the landmarks of the table."""
+        return blend_landmarks(self.landmarks, posed)
+
+    def sparse(self) -> SmplxBody:
+        """The body itself: the package computes all vertices or none."""
+        return self
+
+    def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:
+        """``betas``, ``body_pose``, ``global_orient`` and ``transl`` as the package takes them."""
+        import roma
+
+        torch = self._torch
+        with torch.no_grad():
+            rest = self._model(
+                betas=parameters["shape"][:1],
+                **{name: torch.zeros(1, size) for name, size in _RESTING.items()},
+                body_pose=torch.zeros(1, 3 * _BODY_JOINTS),
+                global_orient=torch.zeros(1, 3),
+                transl=torch.zeros(1, 3),
+            )
+            turn = roma.special_gramschmidt(parameters["orientation"][:1])
+            transl = parameters["translation"][:1] - rest.joints[:, 0]
+            return {
+                "betas": parameters["shape"][:1].numpy(),
+                "body_pose": parameters["pose"][:1].reshape(1, -1).numpy(),
+                "global_orient": roma.rotmat_to_rotvec(turn).numpy(),
+                "transl": transl.numpy(),
+            }
+
+
+def _free(name: str) -> FreeJoint:
+    side, _, joint = name.rpartition("_")
+    arm = {"left": (1.0, 0.0, 0.0), "right": (-1.0, 0.0, 0.0)}.get(side)
+    return free_joint(name, _FREE_ROLES[joint], arm)
+
+
+def _landmark_table(model: Any, joint_names: tuple[str, ...]) -> LandmarkTable:
+    from smplx.vertex_ids import vertex_ids
+
+    weights = model.lbs_weights.numpy()
+    blends, carriers = {}, {}
+    for landmark, name in _POINTS.items():
+        vertex = vertex_ids["smplx"][name]
+        blends[landmark] = (np.array([vertex]), np.ones(1))
+        carriers[landmark] = int(weights[vertex].argmax())
+    for landmark, name in _AT_JOINTS.items():
+        joint = joint_names.index(name)
+        row = model.J_regressor[joint].numpy()
+        used = np.argsort(-row, kind="stable")[:_BLENDED]
+        used = used[row[used] > 0]
+        blends[landmark] = (used, row[used].astype(np.float64))
+        carriers[landmark] = joint
+    return table(blends, carriers, {}, dict.fromkeys(range(17, 23), _KNUCKLE_TRUST))
+
+
+def _regions(model: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[np.bool_]]:
+    mover = model.lbs_weights.numpy().argmax(axis=1)
+    names = np.array(joint_names)[mover]
+    head = np.isin(names, ["head", "jaw", "left_eye_smplhf", "right_eye_smplhf"])
+    depth = model.v_template.numpy()[:, 2]
+    fingers = [n for n in joint_names if n[-1] in "123" and n.split("_")[0] in ("left", "right")]
+    return {
+        **{
+            f"{side}_hand": np.isin(
+                names, [f"{side}_wrist", *(name for name in fingers if name.startswith(side))]
+            )
+            for side in ("left", "right")
+        },
+        "face": head & (depth > depth[head].mean()) if head.any() else head,
+        "eyeballs": np.isin(names, ["left_eye_smplhf", "right_eye_smplhf"]),
+    }

@@ -1,0 +1,1 @@
+"""What the body fit takes from photos: landmarks, masks and working views."""

@@ -1,0 +1,303 @@
+"""The way from views and a fitted body to a clothed mesh, which ``econ`` and ``mexecon`` share.
+
+Fit the body, estimate normals, integrate them to sheets, complete the sheets, fuse. The methods
+differ in which views the body is fitted to and which sheets are made of which view's normals.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture, NormalMaps, Reconstruction
+from harness.core.errors import HarnessError
+from harness.core.files.atomic import atomic_path
+from harness.core.formats.mesh_files import save_mesh
+from harness.core.mesh import Mesh
+from harness.core.protocols import Context, MethodInfo
+from harness.core.settings import by_room, check_choice, overridden
+from harness.geometry.images import load_mask, save_png
+from harness.geometry.sides import SidedRaycaster
+from methods.body_fit import BodyFit, FittedBody, body_model
+from methods.fit_settings import FitSettings
+from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
+from methods.normals.view_maps import filled_normals
+from methods.published import Published
+from methods.stages import Stages, contact_sheet
+from methods.surface.clothed_body import Outline, clothed_body
+from methods.surface.completion import BodyCompletion, CompletionParameters
+from methods.surface.front_back import (
+    BodyPrior,
+    FrontBackDepth,
+    FrontBackParameters,
+    integrate_front_back,
+)
+from methods.surface.fusion import FusionParameters, concatenated, fused
+from methods.surface.hands import body_hands, without_hands
+
+__all__ = ["ClothedMethod", "ClothedSettings", "SheetPlan", "integrated"]
+
+
+@dataclass(frozen=True, slots=True)
+class ClothedSettings:
+    """Settings of the clothed reconstruction; the defaults are the published ones of MExECON.
+
+    Attributes:
+        normals: ``body``, ``oracle`` (a privilege), ``open`` (the network that is shipped) or
+            ``onnx``.
+        normals_model: A network's file or the name of an imported one, for ``onnx``.
+        resolution: Side of the working picture in pixels; ECON's is 512.
+        bilateral_k: How sharply integration lets depth jump.
+        prior_weight: How strongly integration holds on to the body's depth.
+        boundary_weight: How strongly both sides meet at the silhouette.
+        thickness_m: By how much the body is inflated towards and away from the viewer, metres.
+        clothes: What is inflated: ``uniform``, the body itself, or ``silhouettes``, the body moved
+            out to the silhouettes of all views; one or two do not show the sides.
+        covered_m: The body is dropped within this distance of the sheets, metres.
+        hands: ``detected`` puts in the body's hands that the detector found in the first photo, as
+            ECON does, ``body`` both; ``sheets`` leaves what is seen.
+        poisson_depth: Depth of the fusion's octree.
+        faces: Decimate the mesh to about this many; 0 keeps all.
+    """
+
+    normals: str = "open"
+    normals_model: str = ""
+    resolution: int = 512
+    bilateral_k: float = 4.0
+    prior_weight: float = 1e-4
+    boundary_weight: float = 1e-6
+    thickness_m: float = 0.02
+    clothes: str = "uniform"
+    covered_m: float = 0.02
+    hands: str = "sheets"
+    poisson_depth: int = 10
+    faces: int = 50_000
+
+    def __post_init__(self) -> None:
+        check_choice("hands", self.hands, ("detected", "body", "sheets"))
+        check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
+        if not 64 <= self.resolution <= 4096:
+            raise HarnessError(
+                f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
+            )
+        # Refuses settings that do not go together before anything runs.
+        _ = self.normal_choice, self.fusion, self.integration, self.completion
+
+    @property
+    def normal_choice(self) -> NormalChoice:
+        """Which estimator runs."""
+        return NormalChoice(self.normals, self.normals_model)
+
+    @property
+    def integration(self) -> FrontBackParameters:
+        """How normals are integrated."""
+        return FrontBackParameters(
+            k=self.bilateral_k,
+            prior_weight=self.prior_weight,
+            silhouette_weight=self.boundary_weight,
+            thickness=self.thickness_m,
+        )
+
+    @property
+    def completion(self) -> CompletionParameters:
+        """How the body completes the sheets."""
+        return CompletionParameters(covered_m=self.covered_m)
+
+    @property
+    def fusion(self) -> FusionParameters:
+        """How surfaces are fused."""
+        return FusionParameters(self.poisson_depth, self.faces)
+
+
+@dataclass(frozen=True, slots=True)
+class SheetPlan:
+    """What a method's sheets are made of.
+
+    Attributes:
+        views: The views whose normals are estimated, the front first.
+        sheets: Makes the sheets of these views' maps and depths.
+    """
+
+    views: tuple[int, ...]
+    sheets: Callable[[Sequence[tuple[ViewMaps, FrontBackDepth]]], list[Mesh]]
+
+
+def integrated(maps: ViewMaps, parameters: FrontBackParameters) -> FrontBackDepth:
+    """Both sheets' depth of one view, under its full perspective, metres."""
+    prior, view = BodyPrior(maps.body_near_m, maps.body_far_m), maps.view
+    normals = maps.front, maps.back
+    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters)
+
+
+class ClothedMethod:
+    """A method of the ECON family.
+
+    Args:
+        names: Its name on the command line and its title in tables.
+        fit: How the body is fitted, and to which views.
+        plan: Which views' normals make which sheets.
+        settings: How the surface is made.
+        published: The publication whose name the method carries, if any.
+    """
+
+    def __init__(
+        self,
+        names: tuple[str, str],
+        fit: BodyFit,
+        plan: SheetPlan,
+        settings: ClothedSettings,
+        published: Published | None = None,
+    ) -> None:
+        self.settings = settings
+        self._names, self._fit, self._plan, self._published = names, fit, plan, published
+
+    @functools.cached_property
+    def info(self) -> MethodInfo:
+        """What the method says of itself.
+
+        Made when it is asked for, so that the method can be configured to do without a network that
+        is not there.
+
+        Raises:
+            MissingPart, DataError: as ``NormalChoice.part``.
+        """
+        choice, fit = self.settings.normal_choice, self._fit.info
+        surface = {**asdict(self.settings), "normals_model": bool(self.settings.normals_model)}
+        parameters = {"body": self._fit.settings.in_use(len(self._fit.views)), "surface": surface}
+        return MethodInfo(
+            name=self._names[0],
+            title=self._names[1],
+            views=fit.views,
+            parts=tuple(dict.fromkeys((*fit.parts, choice.part))),
+            privileges=tuple(dict.fromkeys((*fit.privileges, *choice.privileges))),
+            parameters=parameters,
+            deviations=self._published.deviations(parameters) if self._published else (),
+        )
+
+    def configured(self, parameters: Mapping[str, str]) -> ClothedMethod:
+        """The method with other settings, given as text by ``room.setting``."""
+        rooms = {"body": FitSettings, "surface": ClothedSettings}
+        names = {room: [field.name for field in fields(kind)] for room, kind in rooms.items()}
+        own = by_room(parameters, names)
+        settings = overridden(self.settings, own["surface"])
+        fit = self._fit.with_settings(overridden(self._fit.settings, own["body"]))
+        return ClothedMethod(self._names, fit, self._plan, settings, self._published)
+
+    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
+        """The clothed mesh and the body within it, world metres.
+
+        Raises:
+            MethodError: no person found, no sheet, or a surface that does not close.
+            MissingPart: the body model, MediaPipe, or a network is not installed.
+        """
+        fitted = self._fit.fitted(capture, context)
+        skin = fitted.skin
+        with context.stage("normals"):
+            maps = self._maps(capture, skin, context)
+        shape = skin
+        if self.settings.clothes == "silhouettes":
+            with context.stage("clothes"):
+                outlines = [_outline(capture, view) for view in fitted.views_used]
+                shape = clothed_body(skin, outlines)
+                caster = SidedRaycaster(shape)
+                maps = [each.held_to(caster) for each in maps]
+        with context.stage("integration"):
+            depths = [integrated(each, self.settings.integration) for each in maps]
+            sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
+        with context.stage("completion"):
+            parts = self._parts(sheets, fitted, shape)
+        with context.stage("fusion"):
+            mesh = fused(parts, self.settings.fusion)
+        if context.keep:
+            with context.stage("pictures"):
+                _keep(context, Stages(maps, parts, skin, mesh))
+        details = {
+            "pixels_cut": [depth.pixels_cut for depth in depths],
+            "integration_rounds": [len(depth.energies) for depth in depths],
+            "part_faces": {part.source: len(part.faces) for part in parts},
+        }
+        return Reconstruction(
+            mesh=mesh,
+            body=fitted.body,
+            normals=tuple(map(_handed_out, maps)),
+            details={**fitted.details, **details},
+        )
+
+    def _maps(self, capture: Capture, skin: Mesh, context: Context) -> list[ViewMaps]:
+        choice, caster = self.settings.normal_choice, SidedRaycaster(skin)
+        maps = []
+        for index in self._plan.views:
+            view = working_view(capture, index, self.settings.resolution)
+            estimator = choice.estimator(view.camera, context.privileged)
+            maps.append(view_maps(view, caster, estimator))
+        return maps
+
+    def _parts(self, sheets: list[Mesh], fitted: FittedBody, shape: Mesh) -> list[Mesh]:
+        """Sheets, completion and hands: what is fused."""
+        regions, skin = _regions(self._fit.settings), fitted.skin
+        omitted = np.logical_or.reduce(list(regions.values()))
+        replaced = self._replaced_hands(regions, fitted)
+        hands = [body_hands(skin, replaced)] if replaced.any() else []
+        if hands:
+            sheets = without_hands(sheets, skin, replaced)
+        seen = concatenated([*sheets, *hands])
+        completion = BodyCompletion(self.settings.completion)(seen, shape, omitted)
+        return [*sheets, *([] if completion is None else [completion]), *hands]
+
+    def _replaced_hands(
+        self, regions: Mapping[str, NDArray[np.bool_]], fitted: FittedBody
+    ) -> NDArray[np.bool_]:
+        """(V,) the hands of the body that stand in for those of the sheets."""
+        left, right = regions["left_hand"], regions["right_hand"]
+        if self.settings.hands == "body":
+            return left | right
+        if self.settings.hands == "sheets":
+            return np.zeros_like(left)
+        return left & fitted.hands_found[0] | right & fitted.hands_found[1]
+
+
+def _outline(capture: Capture, view: int) -> Outline:
+    camera = capture.cameras[view]
+    return Outline(camera, load_mask(capture.image_path(view), camera.size) >= 0.5)
+
+
+def _handed_out(maps: ViewMaps) -> NormalMaps:
+    """A view's maps for others to measure; the body's reach as far as the estimate's."""
+    mask = maps.view.mask
+    return NormalMaps(
+        view=maps.view.index,
+        camera=maps.view.camera,
+        mask=mask,
+        front=maps.front,
+        back=maps.back,
+        body_front=filled_normals(maps.body_front, mask),
+        body_back=filled_normals(maps.body_back, mask),
+    )
+
+
+def _regions(settings: FitSettings) -> Mapping[str, NDArray[np.bool_]]:
+    """The masks of ``ParametricBody.regions`` (V,) of the fitted body's model."""
+    return body_model(settings).regions
+
+
+def _keep(context: Context, stages: Stages) -> None:
+    """Write the stages into the workdir: a contact sheet and every part."""
+    folder = context.workdir
+    save_png(folder / "contact_sheet.png", contact_sheet(stages))
+    save_mesh(folder / "body.ply", stages.body)
+    for part in stages.parts:
+        save_mesh(folder / f"{part.source.replace(' ', '_')}.ply", part)
+    for maps in stages.maps:
+        with atomic_path(folder / f"maps_{maps.view.index:02d}.npz") as path:
+            np.savez_compressed(
+                path,
+                mask=maps.view.mask,
+                front=maps.front.astype(np.float32),
+                back=maps.back.astype(np.float32),
+                body_near_m=maps.body_near_m.astype(np.float32),
+                body_far_m=maps.body_far_m.astype(np.float32),
+            )

@@ -1,0 +1,1 @@
+"""The open normal network and its training."""

@@ -1,0 +1,85 @@
+"""The trained network as an ONNX file that says what it is."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from harness.core.errors import MethodError, MissingPart
+from harness.core.files.atomic import atomic_path
+from methods.normals.training.network import MULTIPLE
+
+__all__ = ["export_network"]
+
+_INPUTS = {"image": 3, "mask": 1, "body_front": 3, "body_back": 3}
+_OUTPUTS = ("front", "back")
+#: The greatest difference between PyTorch's and onnxruntime's answers, components of normals.
+TOLERANCE = 1e-4
+
+
+def export_network(network: nn.Module, path: Path, about: Mapping[str, str]) -> None:
+    """Write a network as ONNX for pictures of any size, after comparing both runtimes' answers.
+
+    Args:
+        network: On any device.
+        path: The ``.onnx`` file.
+        about: Its metadata; see ``methods/normals/onnx_estimator.py``.
+
+    Raises:
+        MissingPart: onnx or onnxruntime is not installed.
+        MethodError: the file answers otherwise than the network by more than 1e-4.
+    """
+    try:
+        import onnx
+    except ImportError as error:
+        raise MissingPart(
+            "networks are written with onnx, which is not installed", hint="Run: pip install onnx"
+        ) from error
+    network = network.to("cpu").eval()
+    size = (2 * MULTIPLE, 3 * MULTIPLE)
+    example = tuple(torch.zeros(1, channels, *size) for channels in _INPUTS.values())
+    with atomic_path(path) as temporary:
+        with warnings.catch_warnings():
+            # The newer exporter needs another package for the same graph.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            torch.onnx.export(
+                network,
+                example,
+                str(temporary),
+                dynamo=False,
+                input_names=list(_INPUTS),
+                output_names=list(_OUTPUTS),
+                dynamic_axes={name: {2: "height", 3: "width"} for name in (*_INPUTS, *_OUTPUTS)},
+                opset_version=17,
+            )
+        model = onnx.load(temporary)
+        onnx.helper.set_model_props(model, dict(about))
+        onnx.save(model, temporary)
+        _compare(network, temporary)
+
+
+def _compare(network: nn.Module, path: Path) -> None:
+    import onnxruntime
+
+    draw = torch.Generator().manual_seed(0)
+    size = (5 * MULTIPLE, 4 * MULTIPLE)
+    inputs = [torch.randn(1, channels, *size, generator=draw) for channels in _INPUTS.values()]
+    with torch.no_grad():
+        wanted = network(*inputs)
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    feeds = {name: value.numpy() for name, value in zip(_INPUTS, inputs, strict=True)}
+    answers = session.run(list(_OUTPUTS), feeds)
+    off = max(
+        float((torch.from_numpy(got) - true).abs().max())
+        for got, true in zip(answers, wanted, strict=True)
+    )
+    if not off <= TOLERANCE:
+        raise MethodError(
+            "the ONNX file does not answer as the network does",
+            expected=f"within {TOLERANCE}",
+            got=f"{off:.2g}",
+        )

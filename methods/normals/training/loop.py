@@ -1,0 +1,271 @@
+"""Training of the open normal network: samples in, a checkpoint and a curve out, resumable.
+
+The loss is the chord between predicted and true unit normals, 2 sin(angle / 2): nearly the angle,
+which is what is measured, and with a gradient that does not vanish or explode.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.atomic import atomic_path
+from harness.core.files.hashing import content_hash, derive_seed
+from methods.normals.training.network import NormalNetwork
+from methods.normals.training.samples import Batch, Samples
+
+__all__ = ["Angles", "Trained", "TrainingSettings", "chord", "judged", "train"]
+
+#: Called with the steps done since the last call, and a line when there is something to say.
+Tell = Callable[[int, str], None]
+
+#: The back is guessed from the front's photo: it may not pull the front's features too far.
+_BACK_WEIGHT = 0.5
+_WARM_UP = 0.05
+_LAST_RATE = 0.01
+_AVERAGE = 0.998
+_CLIP = 1.0
+_JUDGE_BATCH = 8
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingSettings:
+    """How a network is trained.
+
+    Attributes:
+        steps: Of the optimiser.
+        batch: Samples a step.
+        width_px: Columns of a sample that a step sees, at random: most are empty.
+        rate: Greatest learning rate (AdamW; warm-up, then a half cosine).
+        decay: Weight decay.
+        judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
+        seed: Of weights, order and augmentation.
+    """
+
+    steps: int = 1500
+    batch: int = 8
+    width_px: int = 256
+    rate: float = 1.5e-3
+    decay: float = 1e-2
+    judge_every: int = 100
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Angles:
+    """Mean angles to the truth over all pixels of some samples, degrees."""
+
+    front_deg: float
+    back_deg: float
+    body_front_deg: float
+    body_back_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trained:
+    """The network (its averaged weights) and the file of its curve."""
+
+    network: NormalNetwork
+    curve: Path
+
+
+def chord(predicted: Tensor, true: Tensor, inside: Tensor) -> Tensor:
+    """Mean chord, 0 to 2, between normals (B, 3, H, W) over the pixels (B, 1, H, W) inside."""
+    unit = torch.nn.functional.normalize(predicted, dim=1, eps=1e-6)
+    # The root of exactly nothing has no gradient.
+    length = ((unit - true).square().sum(1, keepdim=True) + 1e-6).sqrt()
+    return (length * inside).sum() / inside.sum().clamp(min=1.0)
+
+
+def train(
+    samples: Samples, judges: Samples, settings: TrainingSettings, directory: Path, tell: Tell
+) -> Trained:
+    """A network trained on ``samples``, its error on ``judges`` written to ``curve.csv``.
+
+    A checkpoint in ``directory`` made with the same samples and settings is gone on from; the
+    result does not depend on how often that happened.
+
+    Raises:
+        HarnessError: the checkpoint was made with others.
+    """
+    run = _Run.start(samples, settings, directory / "checkpoint.pt")
+    tell(run.step, f"going on after step {run.step}" if run.step else "")
+    began = time.monotonic()
+    while run.step < settings.steps:
+        run.advance(samples)
+        tell(1, "")
+        if run.step % settings.judge_every == 0 or run.step == settings.steps:
+            seconds = run.seconds + time.monotonic() - began
+            run.look(judges, seconds)
+            _write_curve(directory / "curve.csv", run.curve)
+            run.save(seconds)
+            tell(0, _line(run.curve[-1]))
+    return Trained(run.average, directory / "curve.csv")
+
+
+class _Run:
+    """Everything that a checkpoint holds."""
+
+    def __init__(self, key: str, settings: TrainingSettings, path: Path) -> None:
+        torch.manual_seed(derive_seed(settings.seed, "normal-network") % 2**31)
+        self.key, self.settings, self.path = key, settings, path
+        self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.network = _placed(NormalNetwork(), self.device)
+        self.average = _placed(NormalNetwork(), self.device)
+        self.average.load_state_dict(self.network.state_dict())
+        self.optimiser = torch.optim.AdamW(
+            self.network.parameters(), lr=settings.rate, weight_decay=settings.decay
+        )
+        self.step, self.seconds, self.loss = 0, 0.0, math.nan
+        self.curve: list[dict[str, Any]] = []
+
+    @classmethod
+    def start(cls, samples: Samples, settings: TrainingSettings, path: Path) -> _Run:
+        key = content_hash({**asdict(settings), "samples": list(samples.keys)})
+        run = cls(key, settings, path)
+        if not path.is_file():
+            return run
+        try:
+            saved = torch.load(path, map_location=run.device, weights_only=True)
+            if saved["key"] != key:
+                raise HarnessError(
+                    f"the checkpoint {path} is of another training",
+                    expected="the same samples and settings",
+                    hint="Choose another --output, or delete it",
+                )
+            run.network.load_state_dict(saved["network"])
+            run.average.load_state_dict(saved["average"])
+            run.optimiser.load_state_dict(saved["optimiser"])
+        except (RuntimeError, KeyError, EOFError, ValueError, UnpicklingError) as error:
+            raise DataError(f"{path} is no checkpoint", got=str(error)) from error
+        run.step, run.seconds, run.loss = saved["step"], saved["seconds"], saved["loss"]
+        run.curve = saved["curve"]
+        return run
+
+    def save(self, seconds: float) -> None:
+        state = {
+            "key": self.key,
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "seconds": seconds,
+            "loss": self.loss,
+            "curve": self.curve,
+        }
+        with atomic_path(self.path) as temporary:
+            torch.save(state, temporary)
+
+    def advance(self, samples: Samples) -> None:
+        """One step; what it does follows from its number alone."""
+        draw = torch.Generator().manual_seed(
+            derive_seed(self.settings.seed, "normal-step", self.step) % 2**31
+        )
+        batch = samples.drawn(self.settings.batch, self.settings.width_px, draw).to(self.device)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.settings.rate * _rate(self.step / self.settings.steps)
+        self.network.train()
+        front, back = _answer(self.network, batch)
+        loss = chord(front, batch.front, batch.front_inside)
+        loss = loss + _BACK_WEIGHT * chord(back, batch.back, batch.back_inside)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
+        self.optimiser.step()
+        self.step += 1
+        value = float(loss.detach())
+        self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
+        self._average()
+
+    def look(self, judges: Samples, seconds: float) -> None:
+        """Enter what the averaged network reaches now into the curve."""
+        row = {"step": self.step, "seconds": round(seconds, 1), "loss": round(self.loss, 5)}
+        angles = asdict(judged(self.average, judges, self.device))
+        self.curve.append(row | {name: round(value, 3) for name, value in angles.items()})
+
+    def _average(self) -> None:
+        # Early on, a long memory would only remember the random start.
+        keep = min(_AVERAGE, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for mean, now in zip(self.average.parameters(), self.network.parameters(), strict=True):
+                mean.lerp_(now, 1.0 - keep)
+
+
+def _placed(network: NormalNetwork, device: torch.device) -> NormalNetwork:
+    # Convolutions of both kinds of processor are fastest with channels last.
+    return network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+
+def _answer(network: nn.Module, batch: Batch) -> tuple[Tensor, Tensor]:
+    with torch.autocast(batch.image.device.type, dtype=torch.bfloat16, enabled=_halves(batch)):
+        front, back = network(batch.image, batch.mask, batch.body_front, batch.body_back)
+    return front.float(), back.float()
+
+
+def _halves(batch: Batch) -> bool:
+    """Whether the processor multiplies bfloat16 matrices faster than float32."""
+    if batch.image.is_cuda:
+        return torch.cuda.is_bf16_supported()
+    return bool(torch.cpu.get_capabilities().get("amx_bf16", False))
+
+
+def _rate(progress: float) -> float:
+    """The share of the greatest rate at a share of all steps."""
+    if progress < _WARM_UP:
+        return (progress + 1e-3) / (_WARM_UP + 1e-3)
+    turn = math.pi * (progress - _WARM_UP) / (1.0 - _WARM_UP)
+    return _LAST_RATE + (1.0 - _LAST_RATE) * 0.5 * (1.0 + math.cos(turn))
+
+
+def judged(network: nn.Module, judges: Samples, device: torch.device) -> Angles:
+    """How far a network on a device is from the truth, on samples as they are."""
+    network.eval()
+    sums = torch.zeros(4, 2, dtype=torch.float64)
+    with torch.no_grad():
+        for first in range(0, len(judges), _JUDGE_BATCH):
+            batch = judges.at(range(first, min(first + _JUDGE_BATCH, len(judges)))).to(device)
+            front, back = _answer(network, batch)
+            for row, (normals, true, inside) in enumerate(
+                (
+                    (front, batch.front, batch.front_inside),
+                    (back, batch.back, batch.back_inside),
+                    (batch.body_front, batch.front, batch.front_inside),
+                    (batch.body_back, batch.back, batch.back_inside),
+                )
+            ):
+                # Bodies are judged where they are: beside them they say nothing.
+                there = inside * (normals.abs().sum(1, keepdim=True) > 0)
+                sums[row] += _angles(normals, true, there)
+    return Angles(*[float(total / count.clamp(min=1.0)) for total, count in sums])
+
+
+def _angles(normals: Tensor, true: Tensor, inside: Tensor) -> Tensor:
+    """(2,) sum of the angles, degrees, and number of pixels."""
+    cosine = torch.nn.functional.cosine_similarity(normals, true, dim=1)[:, None].clamp(-1, 1)
+    angles = torch.rad2deg(torch.acos(cosine))
+    return torch.stack([(angles * inside).sum(), inside.sum()]).double().cpu()
+
+
+def _write_curve(path: Path, curve: list[dict[str, Any]]) -> None:
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(curve[0]))
+        writer.writeheader()
+        writer.writerows(curve)
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    return (
+        f"step {row['step']}: loss {row['loss']:.4f}, held out: front {row['front_deg']:.2f} deg "
+        f"(body {row['body_front_deg']:.2f}), back {row['back_deg']:.2f} "
+        f"(body {row['body_back_deg']:.2f})"
+    )

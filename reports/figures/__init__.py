@@ -1,0 +1,1 @@
+"""Figures of a run: methods side by side, errors, bodies and normals."""

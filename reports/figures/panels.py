@@ -1,0 +1,166 @@
+"""What all figures share: photos on white, one window for all panels, a canvas without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.artifacts import Capture
+from harness.core.cameras.camera import Camera
+from harness.core.errors import HarnessError
+from harness.core.files.atomic import atomic_path
+from harness.core.mesh import Mesh
+from harness.geometry.images import composite, load_rgba, resampled
+from harness.geometry.screen import screen_rectangle
+
+__all__ = ["Window", "blended", "canvas", "on_white", "photo", "save", "show", "windows"]
+
+Floats = NDArray[np.float64]
+
+_DPI = 150
+_MARGIN = 0.06
+#: Room beside the panels for row labels and the colour bar, inches.
+_SIDE_INCH = 1.2
+_TITLE_INCH = 0.4
+_UNDATED: Mapping[str, dict[str, None]] = {
+    ".png": {},
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A rectangle of a picture, in whole pixels; it may reach outside.
+
+    Attributes:
+        most_height: What is taller is shown smaller: a panel has no more pixels than are printed.
+    """
+
+    left: int
+    top: int
+    width: int
+    height: int
+    most_height: int = 2**31
+
+    @property
+    def shown(self) -> tuple[int, int]:
+        """Width and height of what is shown of it, pixels."""
+        share = min(1.0, self.most_height / self.height)
+        return max(1, round(share * self.width)), max(1, round(share * self.height))
+
+    def of_camera(self, camera: Camera, least_height: int = 1) -> Camera:
+        """The camera of the window, enlarged by whole factors to at least some height in pixels."""
+        cropped = camera.cropped(self.left, self.top, self.width, self.height)
+        width, height = self.shown
+        factor = -(-min(least_height, self.most_height) // height)
+        return cropped.resized(width * factor, height * factor)
+
+    def of_image(self, image: Floats) -> Floats:
+        """The window of an image (H, W, 3), white where it reaches outside."""
+        whole = self._cut_out(image)
+        if self.shown == (self.width, self.height):
+            return whole
+        return resampled(whole, self.shown, "box")
+
+    def _cut_out(self, image: Floats) -> Floats:
+        inside = np.ones((self.height, self.width, image.shape[2]))
+        top, left = max(self.top, 0), max(self.left, 0)
+        part = image[top : max(self.top + self.height, 0), left : max(self.left + self.width, 0)]
+        row, column = top - self.top, left - self.left
+        inside[row : row + part.shape[0], column : column + part.shape[1]] = part
+        return inside
+
+
+def windows(scenes: Sequence[tuple[Mesh, Camera]], panel_inch: float) -> list[Window]:
+    """A window round the mesh of each scene, all of one size so that all have one scale.
+
+    Args:
+        scenes: Meshes, world metres, and who looks at them.
+        panel_inch: Height at which they are printed.
+    """
+    boxes = [screen_rectangle(mesh.vertices, camera) for mesh, camera in scenes]
+    border = round(_MARGIN * max(box.height for box in boxes))
+    # At least one pixel, for a mesh that is in no picture at all.
+    width = max(1, *(box.width + 2 * border for box in boxes))
+    height = max(1, *(box.height + 2 * border for box in boxes))
+    return [
+        Window(
+            left=box.left + (box.width - width) // 2,
+            top=box.top + (box.height - height) // 2,
+            width=width,
+            height=height,
+            most_height=round(panel_inch * _DPI),
+        )
+        for box in boxes
+    ]
+
+
+def photo(capture: Capture, view: int) -> Floats:
+    """(H, W, 3) in [0, 1]: a view of the capture on white.
+
+    Raises:
+        DataError: an image that is not usable.
+    """
+    camera = capture.cameras[view]
+    rgba = load_rgba(capture.image_path(view), (camera.width, camera.height))
+    return composite(rgba, (1.0, 1.0, 1.0))
+
+
+def on_white(rgba: Floats) -> Floats:
+    """(H, W, 3) of an image (H, W, 4) in [0, 1]."""
+    return rgba[..., :3] * rgba[..., 3:] + (1.0 - rgba[..., 3:])
+
+
+def blended(
+    image: Floats, clay: Floats, fill: float, tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> Floats:
+    """An image (H, W, 3) with a shaded mesh (H, W, 4), tinted, over it; ``fill`` is its opacity."""
+    opacity = fill * clay[..., 3:]
+    return image * (1.0 - opacity) + clay[..., :3] * tint * opacity
+
+
+def canvas(shape: tuple[int, int], window: Window, panel_inch: float) -> tuple[Any, Any]:
+    """A figure and its axes, rows x columns, each ``panel_inch`` high and as wide as a window."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    rows, columns = shape
+    width = columns * panel_inch * window.width / window.height
+    figure = Figure(
+        figsize=(width + _SIDE_INCH, rows * panel_inch + _TITLE_INCH),
+        dpi=_DPI,
+        layout=ConstrainedLayoutEngine(w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0),
+    )
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.set_frame_on(False)
+    return figure, axes
+
+
+def show(axis: Any, image: Floats) -> None:
+    """Put an image (H, W, 3) in [0, 1] on an axis."""
+    axis.imshow(np.clip(image, 0.0, 1.0), interpolation="antialiased")
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a figure atomically, without a date so that equal figures give equal files.
+
+    Raises:
+        HarnessError: an extension that is not of PNG, PDF or SVG.
+        DataError: the file cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _UNDATED:
+        raise HarnessError(
+            f"cannot draw {path}", expected=" or ".join(_UNDATED), got=suffix or "no extension"
+        )
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, metadata=_UNDATED[suffix])

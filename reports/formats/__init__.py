@@ -1,0 +1,1 @@
+"""One table, four ways to write it: LaTeX, Markdown, CSV and JSON."""

@@ -1,0 +1,1 @@
+"""A stored baseline of numbers, and which of them moved."""

@@ -1,0 +1,306 @@
+"""A stored set of numbers to compare with: what they were, what made them, how far they may go."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.atomic import read_json, write_json
+from harness.core.files.hashing import content_hash
+from harness.core.records import Record
+from harness.core.units import Unit
+from reports.tables.normals import normals_of
+from reports.tables.selection import check_comparable
+
+__all__ = [
+    "BASELINE_SCHEMA",
+    "Baseline",
+    "Entry",
+    "Tolerance",
+    "Value",
+    "common_settings",
+    "inputs_of",
+    "numbers_of",
+    "update",
+    "with_spread",
+]
+
+BASELINE_SCHEMA = 1
+
+Cell = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a number may be from its baseline: ``absolute + relative * |baseline|``.
+
+    Attributes:
+        absolute: In ``unit``.
+        relative: Share of the baseline's number.
+        unit: Unit of ``absolute`` and of the numbers that it is for.
+        source: Where it comes from.
+    """
+
+    absolute: float
+    relative: float
+    unit: str
+    source: str = ""
+
+    def allowed(self, baseline: float) -> float:
+        """The largest change, in ``unit``, that is not a move."""
+        return self.absolute + self.relative * abs(baseline)
+
+
+_ROUNDING = "room for another machine's rounding in the renderer and the contouring"
+#: Equal inputs give equal numbers on one machine.
+_DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
+    "mm": Tolerance(absolute=0.05, relative=0.005, unit="mm", source=_ROUNDING),
+    "deg": Tolerance(absolute=0.05, relative=0.005, unit="deg", source=_ROUNDING),
+    "1": Tolerance(absolute=0.0005, relative=0.01, unit="1", source=_ROUNDING),
+    "ratio": Tolerance(absolute=0.002, relative=0.0, unit="ratio", source=_ROUNDING),
+}
+#: How many times the largest difference between runs a number may move.
+_SPREADS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A number with its unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One cell of the baseline.
+
+    Attributes:
+        key: The record's key.
+        status: The record's status; numbers exist only when ``ok``.
+        metrics: By metric id.
+        inputs: What the key is made of, and the packages that ran, as flat texts.
+    """
+
+    key: str
+    status: str
+    metrics: Mapping[str, Value]
+    inputs: Mapping[str, str]
+
+    @classmethod
+    def of(cls, record: Record) -> Entry:
+        """What a baseline keeps of a record."""
+        return cls(
+            key=record.key,
+            status=record.status,
+            metrics=numbers_of(record),
+            inputs=inputs_of(record),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """Numbers of one dataset, recipe and protocol, by method and subject.
+
+    Attributes:
+        dataset, recipe, protocol: What the numbers were made of.
+        tolerances: By metric, or by ``method/metric`` where a method has its own.
+        entries: By method and subject.
+        new_methods: Methods that have no numbers here on purpose, with the reason.
+    """
+
+    dataset: str
+    recipe: str
+    protocol: Mapping[str, object]
+    tolerances: Mapping[str, Tolerance]
+    entries: Mapping[Cell, Entry] = field(default_factory=dict)
+    new_methods: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def tolerance(self, method: str, metric: str) -> Tolerance:
+        """How far a method's number may be from its baseline.
+
+        Raises:
+            DataError: the baseline has none for it.
+        """
+        for name in (f"{method}/{metric}", metric):
+            if name in self.tolerances:
+                return self.tolerances[name]
+        raise DataError(f"the baseline has no tolerance for {metric}", hint="Add it, or --update")
+
+    def save(self, path: Path) -> None:
+        """Write the baseline atomically, in an order that makes a readable diff."""
+        cells = [
+            {"method": method, "subject": subject, **asdict(entry)}
+            for (method, subject), entry in sorted(self.entries.items())
+        ]
+        document = {
+            "schema": BASELINE_SCHEMA,
+            "dataset": self.dataset,
+            "recipe": self.recipe,
+            "protocol": dict(self.protocol),
+            "tolerances": {name: asdict(self.tolerances[name]) for name in sorted(self.tolerances)},
+            "new_methods": dict(self.new_methods),
+            "cells": cells,
+        }
+        write_json(path, document)
+
+    @classmethod
+    def load(cls, path: Path) -> Baseline:
+        """The baseline in a file.
+
+        Raises:
+            DataError: no such file, or not a baseline of this schema.
+        """
+        document = read_json(path)
+        if document.get("schema") != BASELINE_SCHEMA or "cells" not in document:
+            raise DataError(
+                f"{path} is not a baseline of this version",
+                expected=f"schema {BASELINE_SCHEMA} with 'cells'",
+                got=f"schema {document.get('schema')}",
+                hint="Write it again with --update",
+            )
+        try:
+            return _parse(document)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise DataError(f"{path} is not a baseline", got=repr(error)) from error
+
+
+def _parse(document: Mapping[str, object]) -> Baseline:
+    cells: list[dict[str, object]] = document["cells"]  # type: ignore[assignment]
+    tolerances: dict[str, dict[str, object]] = document["tolerances"]  # type: ignore[assignment]
+    return Baseline(
+        dataset=str(document["dataset"]),
+        recipe=str(document["recipe"]),
+        protocol=dict(document["protocol"]),  # type: ignore[call-overload]
+        tolerances={name: Tolerance(**value) for name, value in tolerances.items()},  # type: ignore[arg-type]
+        entries={
+            (str(cell["method"]), str(cell["subject"])): Entry(
+                key=str(cell["key"]),
+                status=str(cell["status"]),
+                metrics={n: Value(**v) for n, v in cell["metrics"].items()},  # type: ignore[attr-defined]
+                inputs=dict(cell["inputs"]),  # type: ignore[call-overload]
+            )
+            for cell in cells
+        },
+        new_methods=dict(document.get("new_methods", {})),  # type: ignore[call-overload]
+    )
+
+
+def numbers_of(record: Record) -> dict[str, Value]:
+    """The numbers of a record that a baseline guards.
+
+    Its metrics, and the mean error in degrees of each normal map that the method made, on all
+    pixels of the subject: ``normal_map_0_near`` is the near side of view 0.
+    """
+    numbers = {name: Value(m.value, m.unit) for name, m in record.metrics.items()}
+    for entry in normals_of(record):
+        mean_deg = entry["all"]["estimate"]["mean_deg"]
+        if mean_deg is not None:
+            name = f"normal_map_{entry['view']}_{entry['side']}"
+            numbers[name] = Value(float(mean_deg), Unit.degree.value)
+    return numbers
+
+
+def update(records: Sequence[Record], previous: Baseline | None = None) -> Baseline:
+    """The baseline that some records make, with the tolerances of the one that it replaces.
+
+    Raises:
+        HarnessError: no records.
+        ProtocolMismatch: records of more than one dataset, recipe or protocol.
+        DataError: a metric in a unit that has no default tolerance.
+    """
+    dataset, recipe, protocol = common_settings(records)
+    tolerances = dict(previous.tolerances) if previous else {}
+    for record in records:
+        for name, number in numbers_of(record).items():
+            if name not in tolerances:
+                tolerances[name] = _default_tolerance(name, number.unit)
+    return Baseline(
+        dataset=dataset,
+        recipe=recipe,
+        protocol=protocol,
+        tolerances=tolerances,
+        new_methods=dict(previous.new_methods) if previous else {},
+        entries={(record.method_name, record.subject): Entry.of(record) for record in records},
+    )
+
+
+def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Baseline:
+    """The baseline with tolerances from how far other runs of the same cells are from it.
+
+    A method's tolerance for a metric becomes twice the largest difference over its subjects and
+    over the runs, but not less than the default; it says so as its source.
+
+    Args:
+        baseline: Whose numbers stay.
+        runs: Records of the same cells, by the run's name.
+    """
+    largest: dict[str, tuple[float, str]] = {}
+    for records in runs.values():
+        for record in records:
+            entry = baseline.entries.get((record.method_name, record.subject))
+            for name, number in numbers_of(record).items():
+                if entry is None or name not in entry.metrics:
+                    continue
+                path = f"{record.method_name}/{name}"
+                apart = abs(number.value - entry.metrics[name].value)
+                largest[path] = max(largest.get(path, (0.0, "")), (apart, number.unit))
+    tolerances = {path: value for path, value in baseline.tolerances.items() if "/" not in path}
+    for path, (apart, unit) in largest.items():
+        default = tolerances.get(path.partition("/")[2]) or _default_tolerance(path, unit)
+        if _SPREADS * apart > default.absolute:
+            source = f"twice the largest difference of the runs {', '.join(runs)}"
+            absolute = float(f"{_SPREADS * apart:.3g}")
+            tolerances[path] = Tolerance(absolute, default.relative, unit, source)
+    return replace(baseline, tolerances=tolerances)
+
+
+def common_settings(records: Sequence[Record]) -> tuple[str, str, Mapping[str, object]]:
+    """Dataset, recipe and protocol that all records share.
+
+    Raises:
+        HarnessError: no records.
+        ProtocolMismatch: they do not share them.
+    """
+    if not records:
+        raise HarnessError("there are no records to compare", hint="Run 'harness eval' first")
+    check_comparable(records)
+    recipe = next((record.recipe for record in records if record.recipe), "")
+    return records[0].dataset, recipe, records[0].protocol
+
+
+def _default_tolerance(metric: str, unit: str) -> Tolerance:
+    if unit not in _DEFAULT_TOLERANCES:
+        raise DataError(
+            f"no default tolerance for {metric}",
+            expected=" or ".join(_DEFAULT_TOLERANCES),
+            got=unit,
+            hint="Write one under 'tolerances' in the baseline file",
+        )
+    return _DEFAULT_TOLERANCES[unit]
+
+
+def inputs_of(record: Record) -> dict[str, str]:
+    """What a record's key is made of, and the packages that ran, as flat texts by dotted name."""
+    packages = record.environment.get("packages", {})
+    flat: dict[str, str] = {}
+    _flatten("method", record.method, flat)
+    _flatten("protocol", record.protocol, flat)
+    _flatten("packages", packages, flat)
+    if "code" in record.inputs:
+        # One text for all modules: a baseline is read by people.
+        flat["code"] = content_hash({"code": record.inputs["code"]})
+    return {**flat, "capture": str(record.capture.get("key", "")), "seed": str(record.seed)}
+
+
+def _flatten(name: str, value: object, into: dict[str, str]) -> None:
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            _flatten(f"{name}.{key}", entry, into)
+    elif isinstance(value, list | tuple) and any(isinstance(entry, Mapping) for entry in value):
+        for index, entry in enumerate(value):
+            _flatten(f"{name}.{index}", entry, into)
+    else:
+        into[name] = str(value)

@@ -1,0 +1,287 @@
+"""``harness check``: which numbers moved since the baseline, and what else changed with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from harness.core.errors import ProtocolMismatch
+from harness.core.records import Record
+from reports.regression.baseline import (
+    Baseline,
+    Entry,
+    Tolerance,
+    Value,
+    common_settings,
+    inputs_of,
+    numbers_of,
+)
+
+__all__ = ["Changed", "Comparison", "Missing", "Moved", "compare", "to_markdown", "to_text"]
+
+_KEY_DIGITS = 8
+_VALUE_LENGTH = 48
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A number further from its baseline than its tolerance."""
+
+    method: str
+    subject: str
+    metric: str
+    unit: str
+    before: float
+    after: float
+    allowed: float
+
+    @property
+    def change(self) -> float:
+        """Signed change, in ``unit``; positive is worse."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """A number of the baseline that there is no longer, or all of a cell, and why."""
+
+    method: str
+    subject: str
+    metric: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Changed:
+    """A cell with another key or other packages than in the baseline, whether or not it moved."""
+
+    method: str
+    subject: str
+    before: str
+    after: str
+    inputs: Mapping[str, tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What became of every number of a baseline.
+
+    Attributes:
+        moved, missing: Failures.
+        unlisted: Methods that the baseline neither has numbers of nor lists as new: failures, too.
+        new: Numbers that the baseline does not have, as (method, subject, metric).
+        unchanged: How many numbers are within their tolerance.
+        changed: Cells whose inputs are not those of the baseline.
+    """
+
+    moved: tuple[Moved, ...] = ()
+    missing: tuple[Missing, ...] = ()
+    unlisted: tuple[str, ...] = ()
+    new: tuple[tuple[str, str, str], ...] = ()
+    unchanged: int = 0
+    changed: tuple[Changed, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing moved, nothing is missing, and no method is unguarded."""
+        return not (self.moved or self.missing or self.unlisted)
+
+
+@dataclass(slots=True)
+class _Findings:
+    moved: list[Moved] = field(default_factory=list)
+    missing: list[Missing] = field(default_factory=list)
+    new: list[tuple[str, str, str]] = field(default_factory=list)
+    changed: list[Changed] = field(default_factory=list)
+    unchanged: int = 0
+
+
+def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
+    """Each number of the records against the baseline's.
+
+    A number moved when it differs by more than ``absolute + relative * |baseline|``. A cell of the
+    baseline that has no record, or a record without its numbers, is missing. A method without
+    numbers in the baseline is unlisted, unless the baseline names it as new on purpose. A number
+    that only the records of a guarded method have is new, which is no failure.
+
+    Raises:
+        HarnessError: no records.
+        ProtocolMismatch: another dataset, recipe, protocol or unit than the baseline's.
+        DataError: the baseline has no tolerance for one of its metrics.
+    """
+    _check_settings(records, baseline)
+    present = {(record.method_name, record.subject): record for record in records}
+    findings = _Findings()
+    for cell, entry in sorted(baseline.entries.items()):
+        _compare_cell(cell, entry, present.get(cell), baseline, findings)
+    for (method, subject), record in sorted(present.items()):
+        known = baseline.entries.get((method, subject))
+        findings.new += [
+            (method, subject, metric)
+            for metric in numbers_of(record)
+            if known is None or metric not in known.metrics
+        ]
+    guarded = {method for method, _ in baseline.entries} | {*baseline.new_methods}
+    return Comparison(
+        unlisted=tuple(sorted({record.method_name for record in records} - guarded)),
+        moved=tuple(findings.moved),
+        missing=tuple(findings.missing),
+        new=tuple(findings.new),
+        unchanged=findings.unchanged,
+        changed=tuple(findings.changed),
+    )
+
+
+def _check_settings(records: Sequence[Record], baseline: Baseline) -> None:
+    dataset, recipe, protocol = common_settings(records)
+    for what, expected, got in (
+        ("dataset", baseline.dataset, dataset),
+        ("recipe", baseline.recipe, recipe),
+        ("protocol", baseline.protocol, protocol),
+    ):
+        if expected != got:
+            raise ProtocolMismatch(
+                f"the records cannot be compared with the baseline: their {what} differs",
+                expected=str(expected),
+                got=str(got),
+                hint="Evaluate as the baseline was, or write a new one with --update",
+            )
+
+
+def _compare_cell(
+    cell: tuple[str, str],
+    entry: Entry,
+    record: Record | None,
+    baseline: Baseline,
+    findings: _Findings,
+) -> None:
+    if record is None or (entry.metrics and record.status != "ok"):
+        findings.missing.append(Missing(*cell, "all", _absence(record)))
+        return
+    findings.changed += _changes(cell, entry, record)
+    numbers = numbers_of(record)
+    for metric, before in entry.metrics.items():
+        if metric not in numbers:
+            findings.missing.append(Missing(*cell, metric, "no longer measured"))
+            continue
+        after, tolerance = numbers[metric], baseline.tolerance(record.method_name, metric)
+        _check_units(metric, before, after, tolerance)
+        allowed = tolerance.allowed(before.value)
+        if abs(after.value - before.value) <= allowed:  # false for NaN, which thus counts as moved
+            findings.unchanged += 1
+        else:
+            values = (before.value, after.value, allowed)
+            findings.moved.append(Moved(*cell, metric, before.unit, *values))
+
+
+def _absence(record: Record | None) -> str:
+    if record is None:
+        return "no record"
+    return f"{record.status}: {next(iter(record.reason.splitlines()), 'no reason given')}"
+
+
+def _check_units(metric: str, before: Value, after: Value, tolerance: Tolerance) -> None:
+    if not before.unit == after.unit == tolerance.unit:
+        raise ProtocolMismatch(
+            f"{metric} is in another unit than its baseline or tolerance",
+            expected=f"{before.unit} (tolerance in {tolerance.unit})",
+            got=after.unit,
+            hint="Write the baseline again with --update",
+        )
+
+
+def _changes(cell: tuple[str, str], entry: Entry, record: Record) -> list[Changed]:
+    now = inputs_of(record)
+    inputs = {
+        name: (entry.inputs.get(name, "none"), now.get(name, "none"))
+        for name in sorted({*entry.inputs, *now})
+        if entry.inputs.get(name) != now.get(name)
+    }
+    if not inputs and entry.key == record.key:
+        return []
+    return [Changed(*cell, entry.key, record.key, inputs)]
+
+
+def to_text(comparison: Comparison) -> str:
+    """The comparison for a terminal: what moved, is missing or else changed, and the verdict."""
+    blocks = [
+        _aligned(rows)
+        for rows in (
+            _moved_rows(comparison),
+            _missing_rows(comparison),
+            _unlisted_rows(comparison),
+            _changed_rows(comparison),
+        )
+        if len(rows) > 1
+    ]
+    return "\n\n".join([*blocks, _verdict(comparison)]) + "\n"
+
+
+def to_markdown(comparison: Comparison) -> str:
+    """The comparison for the summary page of a CI job."""
+    titles = ("Moved", "Missing", "Without numbers in the baseline", "Inputs that differ")
+    parts = ["## Metric regression", "", f"{_verdict(comparison)}"]
+    tables = (
+        _moved_rows(comparison),
+        _missing_rows(comparison),
+        _unlisted_rows(comparison),
+        _changed_rows(comparison),
+    )
+    for title, rows in zip(titles, tables, strict=True):
+        if len(rows) > 1:
+            grid = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+            lines = (f"| {' | '.join(cell.replace('|', '∣') for cell in row)} |" for row in grid)
+            parts += ["", f"### {title}", "", *lines]
+    return "\n".join(parts) + "\n"
+
+
+def _verdict(comparison: Comparison) -> str:
+    counts = (
+        f"{len(comparison.moved)} moved, {len(comparison.missing)} missing, "
+        f"{len(comparison.new)} new, {comparison.unchanged} unchanged; "
+        f"inputs differ in {len(comparison.changed)} cells"
+    )
+    if comparison.unlisted:
+        counts = f"{counts}; no numbers in the baseline: {', '.join(comparison.unlisted)}"
+    return f"{'passed' if comparison.passed else 'FAILED'}: {counts}"
+
+
+def _moved_rows(comparison: Comparison) -> list[list[str]]:
+    header = ["method", "subject", "metric", "baseline", "now", "change", "allowed", "unit"]
+    rows = [header]
+    for m in comparison.moved:
+        numbers = (f"{m.before:.3f}", f"{m.after:.3f}", f"{m.change:+.3f}", f"{m.allowed:.3f}")
+        rows.append([m.method, m.subject, m.metric, *numbers, m.unit])
+    return rows
+
+
+def _missing_rows(comparison: Comparison) -> list[list[str]]:
+    header = ["method", "subject", "metric", "why missing"]
+    return [header, *([m.method, m.subject, m.metric, m.reason] for m in comparison.missing)]
+
+
+def _unlisted_rows(comparison: Comparison) -> list[list[str]]:
+    hint = "write its numbers with --update, or name it under 'new_methods' with the reason"
+    return [["method", "next step"], *([method, hint] for method in comparison.unlisted)]
+
+
+def _changed_rows(comparison: Comparison) -> list[list[str]]:
+    rows = [["method", "subject", "key", "input", "baseline", "now"]]
+    for cell in comparison.changed:
+        keys = f"{cell.before[:_KEY_DIGITS]} → {cell.after[:_KEY_DIGITS]}"
+        inputs = cell.inputs or {"(key only)": ("", "")}
+        for name, (before, after) in inputs.items():
+            rows.append([cell.method, cell.subject, keys, name, _cut(before), _cut(after)])
+    return rows
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _VALUE_LENGTH else f"{text[: _VALUE_LENGTH - 1]}…"
+
+
+def _aligned(rows: list[list[str]]) -> str:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )

@@ -1,0 +1,161 @@
+"""What a mean over subjects is worth, and whether one method's mean really differs from another's.
+
+A table's digits suggest more than twenty subjects can tell: one failed subject may carry a mean.
+Intervals are over subjects; methods are compared subject by subject.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.errors import HarnessError
+from harness.core.files.hashing import derive_seed
+
+__all__ = [
+    "Interval",
+    "PairedDifference",
+    "bootstrap_interval",
+    "paired_difference",
+    "sign_flip_p_value",
+]
+
+Floats = NDArray[np.float64]
+
+RESAMPLES = 10_000
+#: Up to so many subjects all sign patterns are tried: 2^20 sums take 10 ms.
+_EXACT_UP_TO = 20
+_RANDOM_FLIPS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean over subjects with its confidence interval.
+
+    Attributes:
+        mean: Arithmetic mean.
+        low: Lower end; None for fewer than two subjects, which tell nothing of their spread.
+        high: Upper end, likewise.
+        n: How many subjects.
+        level: Share of samples of subjects whose interval would hold the true mean.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+    n: int
+    level: float = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class PairedDifference:
+    """First method minus second method over the subjects that both have.
+
+    Attributes:
+        interval: Of the mean difference; negative where the first method is better.
+        p_value: Of the two-sided sign-flip permutation test of "no difference".
+        first_is_lower: On how many subjects the first method has the lower value.
+    """
+
+    interval: Interval
+    p_value: float
+    first_is_lower: int
+
+
+def bootstrap_interval(
+    values: Sequence[float],
+    *,
+    level: float = 0.95,
+    seed: int = 0,
+    method: Literal["BCa", "percentile"] = "BCa",
+    resamples: int = RESAMPLES,
+) -> Interval:
+    """The mean of a value per subject, with its bootstrap interval over subjects.
+
+    Bias-corrected and accelerated (Efron, 1987), because one bad subject makes means skewed; or the
+    plain percentiles of the resampled means, to compare with others who use those.
+    Values that are all equal give an interval of no width.
+
+    Raises:
+        HarnessError: no values, or one that is not finite.
+    """
+    from scipy.stats import bootstrap
+
+    data = _checked(values)
+    mean, n = float(data.mean()), len(data)
+    if n < 2:
+        return Interval(mean, None, None, n, level)
+    if np.ptp(data) <= 1e-12 * np.abs(data).max():
+        return Interval(mean, mean, mean, n, level)
+    found = bootstrap(
+        (data,),
+        np.mean,
+        batch=RESAMPLES,
+        n_resamples=resamples,
+        confidence_level=level,
+        method=method,
+        rng=np.random.default_rng(derive_seed(seed, "bootstrap")),
+    ).confidence_interval
+    return Interval(mean, float(found.low), float(found.high), n, level)
+
+
+def paired_difference(
+    first: Sequence[float], second: Sequence[float], *, level: float = 0.95, seed: int = 0
+) -> PairedDifference:
+    """How two methods differ on the same subjects, in the same order.
+
+    Raises:
+        HarnessError: not one value each per subject, no subject, or a value that is not finite.
+    """
+    if len(first) != len(second):
+        raise HarnessError(
+            "methods can be compared only on the subjects that both have",
+            expected="one value each per subject",
+            got=f"{len(first)} and {len(second)} values",
+        )
+    differences = _checked(first) - _checked(second)
+    return PairedDifference(
+        interval=bootstrap_interval(differences.tolist(), level=level, seed=seed),
+        p_value=sign_flip_p_value(differences, seed=seed),
+        first_is_lower=int((differences < 0).sum()),
+    )
+
+
+def sign_flip_p_value(differences: Sequence[float] | Floats, *, seed: int = 0) -> float:
+    """Two-sided p-value of "the differences are as likely to have the other sign" (Fisher, 1935).
+
+    Exact up to 20 subjects, from 20 000 random sign patterns beyond. Twenty subjects can give
+    2e-6 at best, five no less than 0.06.
+
+    Raises:
+        HarnessError: no differences, or one that is not finite.
+    """
+    data = _checked(differences)
+    if len(data) <= _EXACT_UP_TO:
+        sums = np.zeros(1)
+        for difference in data:
+            sums = np.concatenate([sums + difference, sums - difference])
+        as_given = 0
+    else:
+        generator = np.random.default_rng(derive_seed(seed, "sign flips"))
+        sums = (generator.integers(0, 2, (_RANDOM_FLIPS, len(data))) * 2.0 - 1.0) @ data
+        # The pattern that was seen is one of those possible (Phipson & Smyth, 2010).
+        as_given = 1
+    # Sums that differ by rounding alone are equal.
+    extreme = np.abs(sums) >= np.abs(data.sum()) - 1e-9 * np.abs(data).sum()
+    return float((extreme.sum() + as_given) / (len(sums) + as_given))
+
+
+def _checked(values: Sequence[float] | Floats) -> Floats:
+    data = np.asarray(values, dtype=np.float64)
+    if data.ndim != 1 or len(data) == 0 or not np.isfinite(data).all():
+        raise HarnessError(
+            "statistics need a finite value for each of at least one subject",
+            got=f"{data.tolist()}"[:200],
+            hint="A failed subject is reported beside a mean, never put into it",
+        )
+    return data

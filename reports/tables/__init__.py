@@ -1,0 +1,1 @@
+"""Tables as plain values: selection of records, columns, notes."""

@@ -1,0 +1,96 @@
+"""The cost table: wall time and peak memory of each method and of its stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from harness.core.artifacts import StageCost
+from harness.core.records import Record
+from reports.published import PUBLISHED
+from reports.tables.selection import Group, select
+from reports.tables.table import Cell, Column, Interval, Row, Stage, Table, mean_cell
+
+__all__ = ["COST_COLUMNS", "cost_table"]
+
+#: Time is a mean over subjects; a peak is the highest of any subject, for it must fit the machine.
+COST_COLUMNS = (
+    Column("wall_s", "Time", "Time", "s", 1, ranked=False),
+    Column("peak_rss_mib", "Peak memory", "Peak memory", "MiB", 0, ranked=False, statistic="max"),
+    Column("peak_gpu_mib", "Peak GPU", "Peak GPU", "MiB", 0, ranked=False, statistic="max"),
+)
+
+
+def cost_table(
+    records: Sequence[Record],
+    *,
+    methods: Sequence[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    interval: Interval | None = None,
+    published: bool = False,
+) -> Table:
+    """What one reconstruction takes, by method and stage: a pure function of records.
+
+    Stages run one after the other, so that a method's time is the sum of theirs and its peak the
+    highest of theirs. Arguments and errors are those of ``geometry_table``.
+    """
+    selection = select(records, methods, subjects)
+    of = len(selection.subjects)
+    return Table(
+        name="cost",
+        title="Cost of one reconstruction",
+        dataset=selection.dataset,
+        recipe=selection.recipe,
+        protocol=selection.protocol,
+        columns=COST_COLUMNS,
+        rows=tuple(_row(group, of, interval) for group in selection.groups),
+        remarks=(
+            "Time: mean over subjects. Memory: highest of any subject",
+            *selection.remarks,
+            *_machine_remarks(record for group in selection.groups for record in group.ok),
+        ),
+        published=PUBLISHED["cost"] if published else None,
+    )
+
+
+def _row(group: Group, of: int, interval: Interval | None) -> Row:
+    names = dict.fromkeys(stage.name for record in group.ok for stage in record.stages)
+    return replace(
+        group.row(of, _cells(group.ok, lambda _: True, interval)),
+        # What was given changes nothing about what it cost.
+        competes=True,
+        stages=tuple(
+            Stage(name, _cells(group.ok, lambda stage, name=name: stage.name == name, interval))
+            for name in names
+        ),
+    )
+
+
+def _cells(
+    records: Sequence[Record], wanted: Callable[[StageCost], bool], interval: Interval | None
+) -> Mapping[str, Cell]:
+    """Cells of the wanted stages; a subject that skipped them spent no time there."""
+    by_subject = [[stage for stage in record.stages if wanted(stage)] for record in records]
+    stages = [stage for stages in by_subject for stage in stages]
+    if not stages:
+        return {}
+    times = [sum(stage.wall_s for stage in stages) for stages in by_subject]
+    cells = {
+        "wall_s": mean_cell(times, interval),
+        "peak_rss_mib": Cell(max(stage.peak_rss_mib for stage in stages)),
+    }
+    gpu = [stage.peak_gpu_mib for stage in stages if stage.peak_gpu_mib is not None]
+    return {**cells, "peak_gpu_mib": Cell(max(gpu))} if gpu else cells
+
+
+def _machine_remarks(records: Iterable[Record]) -> list[str]:
+    machines = sorted(
+        {
+            f"{record.environment['system']}, {record.environment['cpus']} CPUs"
+            for record in records
+            if record.environment
+        }
+    )
+    if len(machines) > 1:
+        return [f"Times are of different machines and not comparable: {'; '.join(machines)}"]
+    return [f"Machine: {machine}" for machine in machines]

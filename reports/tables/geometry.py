@@ -1,0 +1,126 @@
+"""The geometry table: how far each method's surface is from the scan, mean over subjects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import fmean
+
+from harness.core.errors import ProtocolMismatch
+from harness.core.metric_catalog import METRICS
+from harness.core.records import Record
+from reports.published import PUBLISHED
+from reports.tables.selection import Group, Selection, select
+from reports.tables.table import (
+    Cell,
+    Column,
+    Interval,
+    Row,
+    Table,
+    subject_cell,
+    with_common_means,
+)
+
+__all__ = ["GEOMETRY_METRICS", "geometry_table", "metric_column", "metric_value"]
+
+#: Metric ids of the paper's geometry table, in its order.
+GEOMETRY_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
+
+
+def geometry_table(
+    records: Sequence[Record],
+    *,
+    methods: Sequence[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    interval: Interval | None = None,
+    published: bool = False,
+) -> Table:
+    """The paper's geometry table of some records: a pure function of them.
+
+    Args:
+        records: Of one run.
+        methods: Rows wanted, in this order; all by default.
+        subjects: Subjects that count; all of the records' by default.
+        interval: Makes a confidence interval of the mean from the subjects' values.
+        published: Whether the paper's printed numbers stand below, as a block of their own.
+
+    Raises:
+        HarnessError: no records, or two for one method and subject.
+        ProtocolMismatch: records that are not comparable.
+    """
+    selection = select(records, methods, subjects)
+    columns = tuple(metric_column(metric) for metric in GEOMETRY_METRICS)
+    table = Table(
+        name="geometry",
+        title="Mesh geometry",
+        dataset=selection.dataset,
+        recipe=selection.recipe,
+        protocol=selection.protocol,
+        columns=columns,
+        rows=tuple(_row(group, len(selection.subjects), interval) for group in selection.groups),
+        remarks=(*selection.remarks, *_floor_remarks(selection, columns)),
+        published=PUBLISHED["geometry"] if published else None,
+    )
+    return with_common_means(table)
+
+
+def metric_column(metric: str, *, ranked: bool = True) -> Column:
+    """The column of a metric of the catalogue."""
+    described = METRICS[metric]
+    return Column(
+        id=metric,
+        title=described.title,
+        latex_title=described.latex_title,
+        unit=described.unit,
+        digits=described.digits,
+        ranked=ranked,
+    )
+
+
+def _row(group: Group, of: int, interval: Interval | None) -> Row:
+    return group.row(of, _cells(group.ok, interval) if group.ok else {})
+
+
+def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:
+    return {
+        metric: subject_cell(
+            {record.subject: metric_value(record, metric) for record in records}, interval
+        )
+        for metric in GEOMETRY_METRICS
+    }
+
+
+def metric_value(record: Record, metric: str) -> float:
+    """A record's estimate of a metric, in the metric's unit.
+
+    Raises:
+        ProtocolMismatch: none there, or in another unit.
+    """
+    where = f"{record.method_name}/{record.subject}"
+    if metric not in record.metrics:
+        raise ProtocolMismatch(
+            f"the record of {where} has no {metric}", hint="Evaluate it again to replace it"
+        )
+    estimate, unit = record.metrics[metric], METRICS[metric].unit
+    if estimate.unit != unit:
+        raise ProtocolMismatch(
+            f"{metric} of {where} is in another unit", expected=unit, got=estimate.unit
+        )
+    return estimate.value
+
+
+def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]:
+    """What the truths score against themselves, where sampling keeps that from being 0."""
+    remarks = []
+    for column in columns:
+        # A subject's floor is of its truth, the same for every method.
+        floors = {
+            record.subject: record.metrics[column.id].floor
+            for group in selection.groups
+            for record in group.ok
+        }
+        if floor := fmean(floors.values()) if floors else 0.0:
+            remarks.append(
+                f"Sampling floor of {column.title}, which each truth scores against itself, "
+                f"sampled a second time, mean over subjects: {column.text(floor)} {column.unit}"
+            )
+    return remarks

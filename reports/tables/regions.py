@@ -1,0 +1,223 @@
+"""The region table: where on the body each method's surface is wrong, mean over subjects.
+
+The columns in print are completeness alone, which missing limbs raise and nothing can hide from;
+accuracy, normals, and the shares of missing and bulging surface go to CSV and JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+from harness.core.errors import DataError
+from harness.core.records import Record
+from harness.core.units import Unit
+from reports.tables.selection import Group, select
+from reports.tables.table import Column, Interval, Row, Table, subject_cell, with_common_means
+
+__all__ = [
+    "LEAST_SHARE",
+    "REGION_GROUPS",
+    "RegionGroup",
+    "RegionNumbers",
+    "regions_of",
+    "regions_table",
+]
+
+#: The errors of one region in a record's details; None where no point tells.
+RegionNumbers = Mapping[str, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class RegionGroup:
+    """One column: the regions of the labels that it puts together."""
+
+    id: str
+    title: str
+    regions: frozenset[str]
+
+
+REGION_GROUPS = (
+    RegionGroup("head", "Head", frozenset({"head", "eyes"})),
+    RegionGroup("hair", "Hair", frozenset({"hair"})),
+    RegionGroup("torso", "Torso", frozenset({"torso", "t-shirt", "shirt", "long-sleeved shirt"})),
+    RegionGroup("arms", "Arms", frozenset({"arms"})),
+    RegionGroup("hands", "Hands", frozenset({"hands"})),
+    RegionGroup("legs", "Legs", frozenset({"legs", "straight trousers", "shorts"})),
+    RegionGroup("feet", "Feet", frozenset({"feet", "shoes"})),
+    RegionGroup(
+        "loose",
+        "Loose clothes",
+        frozenset(
+            {
+                *("loose shirt", "hooded sweater", "jacket", "coat", "dress"),
+                *("wide trousers", "skirt"),
+            }
+        ),
+    ),
+)
+#: A region counts on subjects where it is at least this share of the surface: a few points at the
+#: edge of a collar tell nothing, and would weigh as much as another subject's whole back.
+LEAST_SHARE = 0.005
+_REMARKS = (
+    "Mean distance of each region's true surface to the prediction, over the subjects where it is "
+    f"at least {100 * LEAST_SHARE:g} % of the surface",
+    "Torso: with close-fitting tops and their sleeves; arms: bare; legs: with close-fitting "
+    "trousers; feet: with shoes",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Measure:
+    """A quantity of a region.
+
+    Attributes:
+        id: In column ids.
+        field: In records.
+        title: After the region's.
+        unit: Of the numbers.
+        digits: Decimals.
+        points: The field that counts the points it is a mean of; None if it adds up.
+    """
+
+    id: str
+    field: str
+    title: str
+    unit: Unit
+    digits: int
+    points: str | None
+
+
+_COMPLETENESS = _Measure(
+    "completeness", "completeness_mm", "completeness", Unit.millimetre, 1, "n_truth"
+)
+_MORE = (
+    _Measure("accuracy", "accuracy_mm", "accuracy", Unit.millimetre, 1, "n_predicted"),
+    _Measure("normal_error", "normal_error_deg", "normal error", Unit.degree, 1, "n_predicted"),
+    _Measure("missing", "missing_share", "missing", Unit.ratio, 3, "n_truth"),
+    _Measure("bulge", "bulge_share", "bulges", Unit.ratio, 3, "n_predicted"),
+    _Measure("area", "area_share", "area", Unit.ratio, 3, None),
+)
+
+
+def regions_table(
+    records: Sequence[Record],
+    *,
+    methods: Sequence[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    interval: Interval | None = None,
+    published: bool = False,
+) -> Table:
+    """The errors by region of some records: a pure function of them.
+
+    A subject counts in the columns whose regions it has. Methods with a record that tells nothing
+    of regions are named in a remark; without any other method there are no rows. Arguments and
+    errors are those of ``geometry_table``.
+    """
+    selection = select(records, methods, subjects)
+    told = [group for group in selection.groups if all(map(regions_of, group.ok))]
+    untold = [group for group in selection.groups if group not in told]
+    measured = any(group.ok for group in told)
+    table = Table(
+        name="regions",
+        title="Completeness by region",
+        dataset=selection.dataset,
+        recipe=selection.recipe,
+        protocol=selection.protocol,
+        columns=tuple(_column(_COMPLETENESS, group) for group in REGION_GROUPS),
+        more=tuple(_column(measure, group) for measure in _MORE for group in REGION_GROUPS),
+        rows=tuple(_row(group, len(selection.subjects), interval) for group in told if measured),
+        remarks=(
+            *_REMARKS,
+            *_subject_remarks(told),
+            *selection.remarks,
+            *_absence_remarks(untold),
+            *(["The paper prints no errors by region"] if published else []),
+        ),
+    )
+    return with_common_means(table)
+
+
+def regions_of(record: Record) -> Mapping[str, RegionNumbers]:
+    """The errors of a record's regions by name; empty where its scan has no labels."""
+    return cast("Mapping[str, RegionNumbers]", record.details.get("regions", {}))
+
+
+def _column(measure: _Measure, group: RegionGroup) -> Column:
+    printed = measure is _COMPLETENESS
+    title = group.title if printed else f"{group.title}, {measure.title}"
+    return Column(
+        id=f"{measure.id}_{group.id}",
+        title=title,
+        latex_title=title,
+        unit=measure.unit.value,
+        digits=measure.digits,
+        ranked=printed,
+    )
+
+
+def _row(group: Group, of: int, interval: Interval | None) -> Row:
+    cells = {}
+    for measure in (_COMPLETENESS, *_MORE):
+        for column in REGION_GROUPS:
+            found = {record.subject: _pooled(record, column, measure) for record in group.ok}
+            values = {subject: value for subject, value in found.items() if value is not None}
+            if values:
+                cells[f"{measure.id}_{column.id}"] = subject_cell(values, interval)
+    return group.row(of, cells)
+
+
+def _pooled(record: Record, group: RegionGroup, measure: _Measure) -> float | None:
+    """One subject's number for a group's regions together, or None where no point tells."""
+    parts = _parts(record, group)
+    if measure.points is None:
+        return sum(_known(part[measure.field]) for part in parts) if parts else None
+    counts = [_known(part[measure.points]) for part in parts]
+    total = sum(
+        _known(part[measure.field]) * count
+        for part, count in zip(parts, counts, strict=True)
+        if count
+    )
+    return total / sum(counts) if any(counts) else None
+
+
+def _parts(record: Record, group: RegionGroup) -> list[RegionNumbers]:
+    """The regions of a group that a subject has; none if all of them together are too small."""
+    parts = [part for name, part in regions_of(record).items() if name in group.regions]
+    large = sum(_known(part["area_share"]) for part in parts) >= LEAST_SHARE
+    return parts if large else []
+
+
+def _known(value: float | None) -> float:
+    """A number that is None only where there are no points, which the caller has seen to."""
+    if value is None:
+        raise DataError("a record's region has points but no error", hint="Evaluate it again")
+    return value
+
+
+def _subject_remarks(told: Sequence[Group]) -> list[str]:
+    """How many subjects count in a column, where that is not all; and labels of no column."""
+    records = {record.subject: record for group in told for record in group.ok}
+    counts = {
+        group.title: sum(bool(_parts(record, group)) for record in records.values())
+        for group in REGION_GROUPS
+    }
+    some = [f"{title} {count}" for title, count in counts.items() if count < len(records)]
+    known = frozenset().union(*(group.regions for group in REGION_GROUPS))
+    labels = {name for record in records.values() for name in regions_of(record)}
+    return [
+        *([f"Not on all of {len(records)} subjects: {', '.join(some)}"] if some else []),
+        *([f"In no column: {', '.join(sorted(labels - known))}"] if labels - known else []),
+    ]
+
+
+def _absence_remarks(untold: Sequence[Group]) -> list[str]:
+    """Methods with a record of an unlabelled scan, or of an earlier version, and how many."""
+    names = [
+        f"{group.title} ({sum(not regions_of(record) for record in group.ok)} of {len(group.ok)} "
+        "records)"
+        for group in untold
+    ]
+    why = "the scan has no labels, or the record is older than they"
+    return [f"Without errors by region, because {why}: {'; '.join(names)}"] if names else []

@@ -1,0 +1,256 @@
+"""Which records may stand in one table, and what a reader must be told about each method.
+
+Records of different datasets, recipes, captures or metric protocols never meet; neither do two
+versions of one method. A subject that failed or was never run keeps its place in the count.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from harness.core.errors import HarnessError, ProtocolMismatch
+from harness.core.files.hashing import canonical_json
+from harness.core.privileges import Privilege
+from harness.core.records import Record
+from reports.tables.table import Cell, Row
+
+__all__ = ["Group", "Selection", "check_comparable", "select"]
+
+_SHOWN_SUBJECTS = 8
+_REASON_LENGTH = 120
+#: What a method says to readers; it does not change a number.
+_WORDS = frozenset({"title", "deviations"})
+#: A method that is given one of these hands the answer back: a test of the ruler, not a rival.
+_ANSWERS = frozenset({Privilege.GROUND_TRUTH_MESH})
+_SCAN_UNITS = (
+    "Scans keep their own units, origin and heights (scale rule 'units'): mm are thousandths of a "
+    "scan unit, and lengths in m are scan units"
+)
+#: The same for one row, because a line of CSV has no caption.
+_SCAN_UNITS_ROW = "mm: thousandths of a scan unit"
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """The records of one method.
+
+    Attributes:
+        method: Name on the command line.
+        title: Name for people.
+        ok: Records with numbers, by subject.
+        notes: Parts, privileges and what is not in the numbers, as sentences without a full stop.
+        privileges: What the method was given beyond pixels and masks.
+        competes: Whether it may be ranked with others.
+    """
+
+    method: str
+    title: str
+    ok: tuple[Record, ...]
+    notes: tuple[str, ...]
+    privileges: tuple[str, ...]
+    competes: bool
+
+    def row(self, of: int, cells: Mapping[str, Cell]) -> Row:
+        """The method's row of a table over ``of`` subjects."""
+        return Row(
+            method=self.method,
+            title=self.title,
+            n=len(self.ok),
+            of=of,
+            cells=cells,
+            notes=self.notes,
+            privileges=self.privileges,
+            competes=self.competes,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Comparable records, by method, with what they have in common."""
+
+    dataset: str
+    recipe: str
+    protocol: Mapping[str, object]
+    subjects: tuple[str, ...]
+    groups: tuple[Group, ...]
+    remarks: tuple[str, ...]
+
+
+def select(
+    records: Sequence[Record],
+    methods: Sequence[str] | None = None,
+    subjects: Sequence[str] | None = None,
+) -> Selection:
+    """The records that a table is made of, checked and grouped.
+
+    Args:
+        records: Of one run.
+        methods: Rows wanted, in this order; by default all, in the order of their first record.
+        subjects: Subjects that count; by default all of the dataset that any method, wanted or not,
+            has a record of.
+
+    Raises:
+        HarnessError: no records, or two for one method and subject.
+        ProtocolMismatch: records that are not comparable, naming two of them.
+    """
+    order = list(dict.fromkeys(methods or (record.method_name for record in records)))
+    chosen = [
+        record
+        for record in records
+        if record.method_name in order and (subjects is None or record.subject in subjects)
+    ]
+    if not chosen:
+        known = ", ".join(dict.fromkeys(record.method_name for record in records))
+        raise HarnessError(
+            f"there are no records of {', '.join(order) or 'any method'} to report",
+            hint=f"This run has records of {known}" if known else "Run 'harness eval' first",
+        )
+    check_comparable(chosen)
+    first = chosen[0]
+    wanted = subjects or sorted({r.subject for r in records if r.dataset == first.dataset})
+    by_method = {name: _by_subject(chosen, name) for name in order}
+    return Selection(
+        dataset=first.dataset,
+        recipe=next((record.recipe for record in chosen if record.recipe), ""),
+        protocol=first.protocol,
+        subjects=tuple(wanted),
+        groups=tuple(_group(name, by_method[name], wanted) for name in order),
+        remarks=(
+            *([_SCAN_UNITS] if first.length_unit != "metre" else []),
+            *_capture_remarks(chosen),
+        ),
+    )
+
+
+def check_comparable(records: Sequence[Record]) -> None:
+    """Refuse records whose numbers must not meet, in a table or elsewhere.
+
+    Raises:
+        ProtocolMismatch: another unit of length, dataset, metric protocol, recipe, or capture of
+            one subject; the message names two records and what they differ in.
+    """
+    _check_same("unit of length", [(record.length_unit, record) for record in records])
+    _check_same("dataset", [(record.dataset, record) for record in records])
+    _check_same("metric protocol", [(_protocol_text(record), record) for record in records])
+    # A mesh made elsewhere has no photos of ours; its row says so instead.
+    _check_same("recipe", [(record.recipe, record) for record in records if record.recipe])
+    for subject in {record.subject for record in records}:
+        captures = [
+            (str(record.capture["key"]), record)
+            for record in records
+            if record.subject == subject and record.capture.get("key")
+        ]
+        _check_same(f"capture of {subject}", captures)
+
+
+def _protocol_text(record: Record) -> str:
+    protocol = record.protocol
+    return f"{protocol['name']} version {protocol['version']} (sha {protocol['sha']})"
+
+
+def _check_same(what: str, values: Sequence[tuple[str, Record]]) -> None:
+    for value, record in values[1:]:
+        expected, reference = values[0]
+        if value != expected:
+            raise ProtocolMismatch(
+                f"these records cannot be compared: their {what} differs",
+                expected=f"'{expected}' as in {_cell(reference)}",
+                got=f"'{value}' in {_cell(record)}",
+                hint="Keep them in separate runs, or evaluate again so that all agree",
+            )
+
+
+def _cell(record: Record) -> str:
+    return f"{record.method_name}/{record.subject}"
+
+
+def _by_subject(records: Iterable[Record], method: str) -> dict[str, Record]:
+    found: dict[str, Record] = {}
+    for record in records:
+        if record.method_name != method:
+            continue
+        if record.subject in found:
+            raise HarnessError(
+                f"there are two records of {_cell(record)}",
+                got=f"keys {found[record.subject].key} and {record.key}",
+                hint="Report one run at a time",
+            )
+        found[record.subject] = record
+    return found
+
+
+def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) -> Group:
+    ok = tuple(records[s] for s in subjects if s in records and records[s].status == "ok")
+    _check_one_method(ok)
+    described = next(iter(ok or records.values()), None)
+    method: Mapping[str, object] = described.method if described else {}
+    privileges = tuple(str(entry) for entry in method.get("privileges", ()))  # type: ignore[attr-defined]
+    notes = (
+        f"Given: {', '.join(privileges).replace('_', ' ')}" if privileges else "",
+        _parts_note(method),
+        _SCAN_UNITS_ROW if ok and ok[0].length_unit != "metre" else "",
+        "Meshes made elsewhere" if ok and not all(record.recipe for record in ok) else "",
+        *_absence_notes(records, subjects),
+    )
+    return Group(
+        method=name,
+        title=str(method.get("title", name)),
+        ok=ok,
+        notes=tuple(note for note in notes if note),
+        privileges=privileges,
+        competes=_ANSWERS.isdisjoint(privileges),
+    )
+
+
+def _check_one_method(ok: Sequence[Record]) -> None:
+    for record in ok[1:]:
+        for field in sorted({*ok[0].method, *record.method} - _WORDS):
+            expected, got = ok[0].method.get(field), record.method.get(field)
+            if canonical_json(expected) != canonical_json(got):
+                raise ProtocolMismatch(
+                    f"{_cell(ok[0])} and {_cell(record)} were made by two states of the method: "
+                    f"their {field} differ",
+                    expected=_short(canonical_json(expected)),
+                    got=_short(canonical_json(got)),
+                    hint="Evaluate the method again on all subjects",
+                )
+
+
+def _parts_note(method: Mapping[str, object]) -> str:
+    parts: Sequence[Mapping[str, str]] = method.get("parts", ())  # type: ignore[assignment]
+    described = (f"{part['role']} {part['name']} ({part['licence']})" for part in parts)
+    return f"Parts: {', '.join(described)}" if parts else ""
+
+
+def _absence_notes(records: Mapping[str, Record], subjects: Sequence[str]) -> list[str]:
+    """One sentence for each reason why subjects are not in the mean."""
+    reasons: dict[str, list[str]] = {}
+    for subject in subjects:
+        record = records.get(subject)
+        if record is None:
+            reasons.setdefault("not run", []).append(subject)
+        elif record.status != "ok":
+            first_line = next(iter(record.reason.splitlines()), "no reason given")
+            reasons.setdefault(f"{record.status}: {_short(first_line)}", []).append(subject)
+    return [
+        f"{len(absent)} of {len(subjects)} {reason} ({_subjects_text(absent)})"
+        for reason, absent in reasons.items()
+    ]
+
+
+def _short(text: str) -> str:
+    return textwrap.shorten(text, _REASON_LENGTH, placeholder=" ...").rstrip(".")
+
+
+def _subjects_text(subjects: Sequence[str]) -> str:
+    """The subjects' names, cut after a few."""
+    shown = ", ".join(subjects[:_SHOWN_SUBJECTS])
+    more = len(subjects) - _SHOWN_SUBJECTS
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+def _capture_remarks(records: Sequence[Record]) -> tuple[str, ...]:
+    warned = sorted({record.subject for record in records if record.capture.get("warnings")})
+    return (f"Captures with warnings: {_subjects_text(warned)}",) if warned else ()

@@ -1,0 +1,92 @@
+"""Signals end a run: in the main thread, in threads that wait, and without a trace afterwards."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from harness.core.files.atomic import exclusive_lock
+from harness.core.process.interrupts import (
+    Interrupted,
+    in_threads,
+    require_not_stopped,
+    stopped_by_signals,
+)
+
+
+def send_soon(number: signal.Signals) -> None:
+    threading.Timer(0.2, os.kill, (os.getpid(), number)).start()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_stops_the_main_thread_with_the_shells_code(
+    number: signal.Signals, code: int
+) -> None:
+    before = signal.getsignal(number)
+    with pytest.raises(Interrupted) as caught, stopped_by_signals():
+        send_soon(number)
+        time.sleep(10)
+
+    assert caught.value.exit_code == code
+    assert signal.getsignal(number) is before
+    require_not_stopped()
+
+
+def test_threads_that_wait_are_stopped_and_no_item_begins_after_that() -> None:
+    begun: list[int] = []
+
+    def work(item: int) -> None:
+        begun.append(item)
+        while True:
+            require_not_stopped()
+            time.sleep(0.01)
+
+    with pytest.raises(Interrupted), stopped_by_signals():
+        send_soon(signal.SIGINT)
+        in_threads(work, range(5), jobs=2)
+
+    assert begun == [0, 1]
+
+
+def test_pythons_own_interrupt_stops_threads_too() -> None:
+    begun: list[int] = []
+
+    def work(item: int) -> None:
+        begun.append(item)
+        while True:
+            require_not_stopped()
+            time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        send_soon(signal.SIGINT)
+        in_threads(work, range(5), jobs=1)
+
+    assert begun == [0]
+    require_not_stopped()
+
+
+def test_who_waits_for_a_lock_is_stopped(tmp_path: Path) -> None:
+    def wait(_: int) -> None:
+        with exclusive_lock(tmp_path / "lock"):
+            pytest.fail("it is held by another")
+
+    with exclusive_lock(tmp_path / "lock"), pytest.raises(Interrupted), stopped_by_signals():
+        send_soon(signal.SIGTERM)
+        in_threads(wait, [0], jobs=1)
+
+
+def test_results_come_in_the_order_of_the_items() -> None:
+    def work(item: float) -> float:
+        time.sleep(item)
+        return item
+
+    assert in_threads(work, [0.1, 0.0, 0.05], jobs=3) == [0.1, 0.0, 0.05]
+
+
+def test_an_interrupt_is_no_failure_to_be_filed() -> None:
+    assert not issubclass(Interrupted, Exception)

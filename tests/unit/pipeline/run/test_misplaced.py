@@ -1,0 +1,112 @@
+"""A mesh in another unit, place or frame: a method's own is measured, a file's is refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.artifacts import Capture, Reconstruction, Scan
+from harness.core.errors import DataError
+from harness.core.formats.mesh_files import save_mesh
+from harness.core.mesh import Mesh
+from harness.core.settings import MetricProtocol
+from harness.data.manifest import Dataset
+from harness.pipeline.progress import Silent
+from harness.pipeline.run.cell import Truth, scores_of
+from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pair
+from harness.pipeline.run.store import RunStore
+
+PROTOCOL = MetricProtocol("mexecon", 2, 2000, "independent", "sample-to-sample")
+#: Neither body nor normals are scored here, so no photo is looked at.
+NO_PHOTOS = Capture("toy", "person", "none", "key", Path(), ())
+MISTAKES = {
+    "millimetres": (np.eye(3) * 1000, (0.0, 0.0, 0.0), "units?"),
+    "feet at the origin": (np.eye(3), (0.0, 0.9, 0.0), "frame?"),
+    "Z up": (np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]]), (0.0, 0.0, 0.0), "frame?"),
+}
+
+
+def person() -> Mesh:
+    """A block with a head to one side, so that it fits in one position alone."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    faces = np.array(
+        [
+            *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+            *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+        ]
+    )
+    trunk, head = corners * (0.25, 0.7, 0.15), corners * (0.1, 0.2, 0.1) + (0.1, 0.9, 0.05)
+    vertices = np.vstack([trunk, head])
+    vertices -= (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return Mesh(vertices, np.vstack([faces, faces + 8]), source="person")
+
+
+def write_scan(folder) -> None:
+    """The person as a textured scan in THuman's layout."""
+    folder.mkdir(parents=True)
+    mesh = person()
+    textured = replace(mesh, uv=np.zeros((1, 2)), face_uv=np.zeros_like(mesh.faces))
+    save_mesh(folder / f"{folder.name}.obj", textured)
+    (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.jpeg\n")
+    Image.new("RGB", (4, 4), "white").save(folder / "material0.jpeg")
+
+
+def misplaced(name: str) -> Mesh:
+    turn, shift, _ = MISTAKES[name]
+    mesh = person()
+    return replace(mesh, vertices=mesh.vertices @ turn.T + shift)
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_methods_own_result_is_a_number_with_a_warning(name):
+    scan = Scan("toy", "t1", person().source, "metres", "+z", np.eye(4), {})
+    result = Reconstruction(mesh=misplaced(name))
+    told = scores_of(result, NO_PHOTOS, Truth.read(scan, person()), PROTOCOL)
+    assert all(np.isfinite(metric.value) for metric in told.metrics.values())
+    assert told.metrics["chamfer"].value > 50
+    (warning,) = [text for text in told.details["warnings"] if MISTAKES[name][2] in text]
+    json.dumps(told.details, allow_nan=False)
+    assert "person" in warning
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_pair_of_files_is_refused(tmp_path, name):
+    save_mesh(tmp_path / "mine.ply", misplaced(name))
+    save_mesh(tmp_path / "truth.ply", person())
+    with pytest.raises(DataError) as refusal:
+        score_pair(tmp_path / "mine.ply", tmp_path / "truth.ply", PROTOCOL)
+    assert MISTAKES[name][2] in str(refusal.value)
+
+
+def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
+    subjects = [f"t{index}" for index in range(1, 5)]
+    folder = tmp_path / "mine"
+    for subject, mesh in zip(subjects, (person(), *map(misplaced, MISTAKES)), strict=True):
+        write_scan(tmp_path / "scans" / "model" / subject)
+        save_mesh(folder / f"{subject}.ply", mesh)
+    dataset = Dataset.model_validate(
+        {
+            "title": "Toy",
+            "kind": "thuman",
+            "licence": "CC0-1.0",
+            "root": "scans",
+            "scale": "metres",
+            "facing": "+z",
+            "subjects": subjects,
+        }
+    )
+    request = FolderRequest(
+        folder=folder,
+        name="mine",
+        title="Mine",
+        dataset=("toy", dataset, tmp_path / "scans", tuple(subjects)),
+        protocol=PROTOCOL,
+        store=RunStore(tmp_path / "runs"),
+    )
+    records = [outcome.record for outcome in score_folder(request, Silent())]
+    assert [record.status for record in records] == ["ok", "failed", "failed", "failed"]
+    for record, (_, _, word) in zip(records[1:], MISTAKES.values(), strict=True):
+        assert word in record.reason

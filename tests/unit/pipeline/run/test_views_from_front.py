@@ -1,0 +1,110 @@
+"""Whatever numbers a rig gives its views, a method is handed the front first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.core.artifacts import Reconstruction
+from harness.core.formats.obj import write_obj
+from harness.core.mesh import Mesh
+from harness.core.protocols import MethodInfo
+from harness.data.manifest import load_manifest
+from harness.geometry.images import save_png
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run import cell_worker
+from harness.pipeline.run.record_inputs import evaluated
+
+MANIFEST = """\
+schema: 1
+datasets:
+  toy:
+    {title: T, kind: thuman, licence: own, root: scans, scale: units, facing: "+z", subjects: [t1]}
+rigs:
+  ring8: {views: 8}
+  published8: {views: 8, first_yaw_deg: 90.0}
+recipes:
+  ours: {rig: ring8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
+  theirs: {rig: published8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
+protocols:
+  exact: {version: 1, samples: 500, sampling: stratified, chamfer: point-to-surface}
+"""
+
+
+def tetrahedron() -> Mesh:
+    """Without any symmetry, so that every view differs from every other."""
+    corners = np.array([[-0.2, -0.4, 0.1], [0.3, -0.35, 0.05], [0.0, -0.3, -0.2], [0.05, 0.4, 0.0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    return Mesh(corners, faces, np.full((1, 2), 0.5), np.zeros_like(faces))
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Path:
+    folder = tmp_path / "scans" / "model" / "t1"
+    folder.mkdir(parents=True)
+    write_obj(folder / "t1.obj", tetrahedron())
+    (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.png\n")
+    save_png(folder / "material0.png", np.full((8, 8, 3), 180, np.uint8))
+    (tmp_path / "m.yaml").write_text(MANIFEST)
+    return tmp_path
+
+
+class Witness:
+    """Hands the answer back, and keeps what it was shown."""
+
+    info = MethodInfo("witness", "Witness", views=(0, 4))
+
+    def reconstruct(self, capture, context) -> Reconstruction:
+        self.shown = capture
+        return Reconstruction(tetrahedron())
+
+
+@pytest.mark.parametrize("recipe", ["ours", "theirs"])
+def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
+    manifest = load_manifest(world / "m.yaml")
+    source = Source.select(manifest, Workspace(world), "toy", (), recipe)
+    filed = source.ensure_capture("t1", lambda *_: None)
+    witness = Witness()
+    monkeypatch.setattr(cell_worker, "resolve_method", lambda *_: witness)
+    monkeypatch.setattr(cell_worker, "method_module", lambda _: "methods.gt")
+    protocol = manifest.protocol("exact")
+    inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
+    cell = world / "cell"
+    cell.mkdir()
+    job = {
+        "subject": "t1", "source": source.to_job(), "method": "witness", "settings": {},
+        "protocol": "exact", "seed": 0, "key": inputs.key, "inputs": inputs.to_dict(),
+        "folder": str(cell), "keep": False,
+    }  # fmt: skip
+    told = cell_worker.handle(job, lambda *_: None)
+    assert told["status"] == "ok", told["reason"]
+
+    assert told["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
+    front, back = (witness.shown.cameras[view] for view in witness.info.views)
+    np.testing.assert_allclose(front.position, [0, 0, 3], atol=1e-12)
+    np.testing.assert_allclose(back.position, [0, 0, -3], atol=1e-12)
+    number = {"ours": 0, "theirs": 6}[recipe]
+    assert witness.shown.image_path(0) == filed.image_path(number)
+    # What is on disk keeps the rig's own numbers.
+    np.testing.assert_allclose(filed.cameras[number].position, [0, 0, 3], atol=1e-12)
+
+
+def test_both_numberings_are_the_same_eight_photos(world):
+    manifest = load_manifest(world / "m.yaml")
+    ours, theirs = (
+        Source.select(manifest, Workspace(world), "toy", (), recipe)
+        for recipe in ("ours", "theirs")
+    )
+    for source in (ours, theirs):
+        source.ensure_capture("t1", lambda *_: None)
+    pictures = []
+    for view in range(8):
+        one, other = (source.capture("t1").image_path(view) for source in (ours, theirs))
+        assert one.read_bytes() == other.read_bytes()
+        pictures.append(one.read_bytes())
+    assert len(set(pictures)) == 8
+    assert ours.capture("t1").image_path(2).name == "02.png"
+    assert theirs.capture("t1").image_path(2).name == "00.png"

@@ -1,0 +1,202 @@
+"""Training samples of a person who wears nothing: the scan is the body, so all is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.cameras.camera import Camera, look_at
+from harness.core.errors import DataError
+from harness.core.formats.obj import write_obj
+from harness.core.mesh import Mesh
+from harness.data.manifest import load_manifest
+from harness.geometry.raycast import Raycaster
+from harness.geometry.screen import screen_rectangle
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.progress import Silent
+from harness.pipeline.training.light import Lamp, Light, developed, drawn_camera, drawn_light
+from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
+from harness.pipeline.training.samples import SampleSettings, make_samples, samples_key
+
+MANIFEST = """\
+schema: 1
+datasets:
+  bare:
+    title: Bare people
+    kind: thuman
+    licence: CC0-1.0
+    root: scans
+    scale: metres
+    facing: "+z"
+    subjects: [p1, p2, p3]
+rigs:
+  ring8: {views: 8, radius_m: 3.0, lens_mm: 50.0, sensor_mm: 36.0}
+recipes:
+  tiny: {rig: ring8, width: 108, height: 192, renderer: raycast, minimum_mask_iou: 0.95}
+protocols:
+  exact: {version: 1, samples: 2000, sampling: stratified, chamfer: point-to-surface}
+"""
+SETTINGS = SampleSettings(views=2, side_px=128, width_px=96, height_px=128)
+
+
+@pytest.fixture(name="people", scope="module")
+def _people(tmp_path_factory):
+    """Two people in THuman's layout with the truth beside them, and one without it."""
+    from methods.body.models.anny_body import AnnyBody
+    from methods.body.models.model import neutral
+
+    root = tmp_path_factory.mktemp("people")
+    (root / "data_manifest.yaml").write_text(MANIFEST)
+    body = AnnyBody()
+    parameters = neutral(body)
+    exported = body.export(parameters)
+    vertices = body(parameters)[0][0].detach().double().numpy()
+    around = np.stack([vertices[:, 0] + 0.5, vertices[:, 1] / 2 + 0.5], axis=1)
+    mesh = Mesh(vertices, body.faces, uv=around, face_uv=body.faces)
+    for name in ("p1", "p2", "p3"):
+        folder = root / "scans" / "model" / name
+        folder.mkdir(parents=True)
+        write_obj(folder / f"{name}.obj", mesh)
+        (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.png\n")
+        Image.fromarray(np.full((8, 8, 3), 128, np.uint8)).save(folder / "material0.png")
+        if name != "p3":
+            np.savez(folder / "body.npz", vertices=vertices, **exported)
+    return root
+
+
+@pytest.fixture(name="source")
+def _source(people):
+    manifest = load_manifest(people / "data_manifest.yaml")
+    return Source.select(manifest, Workspace(people), "bare", (), "tiny")
+
+
+def made(source, subject, path, settings=SETTINGS):
+    scan, mesh = source.load(subject)
+    make_samples(scan, mesh, settings, path, lambda done, total: None)
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+def test_maps_are_of_one_scene(source, tmp_path):
+    sample = made(source, "p1", tmp_path / "p1.npz")
+    mask = sample["mask"]
+    assert mask.shape == (2, 128, 96)
+    assert 0.08 < mask.mean() < 0.6
+    assert not sample["rgb"][~mask].any()
+    for side, sign in (("front", 1), ("back", -1)):
+        for name in (side, f"body_{side}"):
+            normals = sample[name].astype(float) / 127
+            there = normals.any(axis=3)
+            np.testing.assert_allclose(np.linalg.norm(normals[there], axis=1), 1.0, atol=0.01)
+            assert (sign * normals[there, 2]).mean() > 0.5
+        # The scan is the body: what differs is the fit's error alone, and it is there.
+        both = sample[side].any(axis=3) & sample[f"body_{side}"].any(axis=3)
+        cosine = (sample[side][both] / 127 * (sample[f"body_{side}"][both] / 127)).sum(axis=1)
+        angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        assert 1.0 < np.median(angles) < 25.0
+    assert (mask & sample["front"].any(axis=3)).sum() > 0.94 * mask.sum()  # half-covered rims
+
+
+def test_equal_seeds_give_equal_samples_and_others_do_not(source, tmp_path):
+    one = SampleSettings(views=1, side_px=96, width_px=64, height_px=96)
+    first = made(source, "p1", tmp_path / "a.npz", one)
+    second = made(source, "p1", tmp_path / "b.npz", one)
+    other = made(source, "p2", tmp_path / "c.npz", one)
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name])
+    assert (first["front"] != other["front"]).any()
+
+
+def test_a_subject_without_truth_is_left_out_and_said_so(source):
+    said = []
+
+    class Listener(Silent):
+        def say(self, text):
+            said.append(text)
+
+    paths = ensure_samples(source, SETTINGS, 1, Listener())
+    assert list(paths) == ["p1", "p2"]
+    assert len(said) == 1
+    assert said[0].startswith("p3 is left out")
+    assert "true body" in said[0]
+    before = paths["p1"].stat().st_mtime_ns
+    assert ensure_samples(source, SETTINGS, 1, Silent())["p1"].stat().st_mtime_ns == before
+    changed = SampleSettings(views=1, side_px=128, width_px=96, height_px=128)
+    assert samples_key(source.locate("p1"), SETTINGS) != samples_key(source.locate("p1"), changed)
+
+
+@pytest.mark.slow
+def test_from_subjects_to_a_network_that_runs(source, tmp_path):
+    from methods.normals.onnx_estimator import OnnxNormals
+    from methods.normals.training.loop import TrainingSettings
+
+    request = TrainingRequest(
+        source=source,
+        samples=SETTINGS,
+        training=TrainingSettings(steps=2, batch=1, judge_every=1),
+        directory=tmp_path,
+        held_out=1,
+        jobs=1,
+    )
+    result = train_normals(request, Silent())
+    estimator = OnnxNormals(result.network)
+    assert estimator.part.name == "open-normals"
+    assert estimator.training_set == "bare p1"
+    assert result.curve.read_text().count("\n") == 3
+    assert 0 < result.front_deg < 90
+
+
+def test_a_scan_without_texture_cannot_be_photographed(source, tmp_path):
+    scan, mesh = source.load("p1")
+    with pytest.raises(DataError, match="no texture"):
+        make_samples(scan, mesh.geometry(), SETTINGS, tmp_path / "x.npz", lambda *_: None)
+
+
+def test_cameras_look_at_the_subject_as_methods_crop_it():
+    box = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.85, 0.85) for z in (-0.2, 0.2)])
+    draw = np.random.default_rng(0)
+    behind = 0
+    for _ in range(60):
+        camera = drawn_camera(box, (512, 320, 480), draw)
+        assert camera.size == (320, 480)
+        seen = screen_rectangle(box, camera.cropped(-300, -300, 920, 1080), margin=0)
+        assert 0.80 * 512 < seen.height < 0.97 * 512
+        centre = (seen.left - 300 + seen.width / 2, seen.top - 300 + seen.height / 2)
+        np.testing.assert_allclose(centre, (160, 240), atol=16)
+        assert camera.K[0, 0] == pytest.approx(camera.K[1, 1], rel=0.01)
+        behind += camera.position[2] < 0
+    assert 15 < behind < 45
+
+
+def test_light_adds_up_and_noise_is_of_its_size():
+    even = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.0)
+    draw = np.random.default_rng(0)
+    np.testing.assert_allclose(developed(np.full((4, 3), 0.214), even, draw), 0.5, atol=1e-3)
+    noisy = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.02)
+    assert developed(np.full((9999, 3), 0.2), noisy, draw).std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_lamps_stand_on_the_camera_s_side():
+    K = np.array([[500, 0, 250], [0, 500, 250], [0, 0, 1.0]])
+    camera = Camera(K, look_at((2.0, 0.3, -2.0), np.zeros(3)), 500, 500)
+    draw = np.random.default_rng(0)
+    lamps: list[Lamp] = [lamp for _ in range(40) for lamp in drawn_light(camera, draw).lamps]
+    centres = np.array([lamp.points.mean(axis=0) for lamp in lamps])
+    assert ((centres @ camera.forward) < 0.5).all()
+    assert (centres[:, 1] > 0).mean() > 0.7
+
+
+def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path):
+    # Grey of 128 under light of 1 without lamps: nowhere brighter than itself.
+    from harness.pipeline.training import samples as normal_samples
+
+    scan, mesh = source.load("p1")
+    studio = normal_samples._Studio(scan, mesh, 0)
+    light = Light(np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
+    camera = drawn_camera(mesh.vertices, (128, 96, 128), np.random.default_rng(1))
+    picture, mask = studio._photo(camera, light, np.random.default_rng(1))
+    inner = mask & Raycaster(mesh).mask(camera)
+    assert picture[inner].max() <= 128 / 255 + 1e-6
+    assert np.median(picture[inner]) > 0.8 * 128 / 255
