@@ -7,8 +7,8 @@ normal loss, whose normals are those of ECON's front network in every view.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Ints32
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
@@ -19,8 +19,6 @@ from methods.normals import NormalChoice, view_maps, working_view
 
 __all__ = ["EstimatedNormals"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
 
 #: Side of the square that the network looks at, pixels.
 _RESOLUTION = 512
@@ -41,7 +39,7 @@ class EstimatedNormals:
         MissingPart, DataError: as ``NormalChoice.estimator``.
     """
 
-    def __init__(self, capture: Capture, views: Views, faces: Ints, choice: NormalChoice) -> None:
+    def __init__(self, capture: Capture, views: Views, faces: Ints32, choice: NormalChoice) -> None:
         self._faces = faces
         self._cameras = [view.camera for view in views.views]
         self._windows = [working_view(capture, view.index, _RESOLUTION) for view in views.views]

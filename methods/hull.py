@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Singles
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
@@ -27,8 +27,6 @@ from harness.geometry.place import Place, place_of
 
 __all__ = ["HullSettings", "VisualHull", "hull8"]
 
-Floats = NDArray[np.float64]
-Field = NDArray[np.float32]
 
 #: Views all round see a subject nearly as wide as it is; a few may look along it.
 _WIDEST = 1.5
@@ -107,7 +105,7 @@ class _Outline:
         self.distance_px = np.where(near, sub_pixel, far).astype(np.float32)
         self.camera = camera
 
-    def distance_m(self, points_world: Floats) -> Field:
+    def distance_m(self, points_world: Floats) -> Singles:
         """Signed distances (N,) of world points to the silhouette's cone, metres at their depth."""
         from scipy.ndimage import map_coordinates
 
@@ -123,7 +121,7 @@ def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Float
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -> Field:
+def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -> Singles:
     """Least signed distance over the views (N,); a point that one view sees further than
     ``outside_m`` outside is not asked of the next, so that its value is an upper bound.
     """
@@ -136,7 +134,9 @@ def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -
     return distance
 
 
-def _carve(outlines: list[_Outline], place: Place, settings: HullSettings) -> tuple[Floats, Field]:
+def _carve(
+    outlines: list[_Outline], place: Place, settings: HullSettings
+) -> tuple[Floats, Singles]:
     """The field on fine voxels of the blocks that the surface may cross, and its first point."""
     edge = settings.voxel_m * settings.block
     half = _half_extent(place, settings.margin_m)
@@ -174,7 +174,7 @@ def _half_extent(place: Place, margin_m: float) -> Floats:
     return np.array([across, place.half_height_m + margin_m, across])
 
 
-def _contour(origin: Floats, field: Field, settings: HullSettings) -> Mesh:
+def _contour(origin: Floats, field: Singles, settings: HullSettings) -> Mesh:
     """Marching cubes at zero, closed at the volume's border, without crumbs."""
     from skimage.measure import marching_cubes
 

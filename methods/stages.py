@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Bytes, Floats
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import normal_colours
@@ -16,8 +16,6 @@ from methods.normals import ViewMaps
 
 __all__ = ["Stages", "contact_sheet", "shaded"]
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 _TILE_PX = 480
 #: As in the paper's figure: front green, back orange, completion purple; then the hands.

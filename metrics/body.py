@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from harness.core.units import MM_PER_METRE
 
@@ -26,8 +27,6 @@ __all__ = [
     "vertex_error_mm",
 ]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Of the normal and the landmark loss in the total; the silhouette's is 1.
 TOTAL_WEIGHTS = {"normal": 0.2, "landmark": 0.1}

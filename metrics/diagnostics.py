@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.geometry.surface import SurfaceIndex
 
 __all__ = [
@@ -17,7 +17,6 @@ __all__ = [
     "winding_warnings",
 ]
 
-Floats = NDArray[np.float64]
 
 F_SCORE_THRESHOLDS_MM = (5, 10, 20, 50)
 _PERCENTILES = (50, 90, 95, 99)

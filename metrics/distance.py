@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.records import MetricValue
 from harness.core.units import MM_PER_METRE, Unit
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
@@ -27,7 +27,6 @@ __all__ = [
     "point_to_surface",
 ]
 
-Floats = NDArray[np.float64]
 _MM = Unit.millimetre.value
 
 

@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from metrics.normals import angles_deg
 
 __all__ = ["THRESHOLDS_DEG", "AngularErrors", "angular_error_map", "angular_errors"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Pixels that are less off than this are counted.
 THRESHOLDS_DEG = (11.25, 22.5, 30.0)

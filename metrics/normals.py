@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.errors import DataError
 from harness.core.records import MetricValue
 from harness.core.units import Unit
@@ -29,7 +29,6 @@ __all__ = [
     "weighted",
 ]
 
-Floats = NDArray[np.float64]
 NormalWeights = Literal["barycentric", "permuted"]
 
 

@@ -7,12 +7,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.records import MetricValue
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 
 __all__ = ["Sampling", "sample_mean", "sample_surface"]
 
-Floats = NDArray[np.float64]
 Sampling = Literal["independent", "stratified"]
 
 _MORTON_BITS = 21

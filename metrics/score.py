@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
@@ -37,8 +37,6 @@ from metrics.sampling import sample_surface
 
 __all__ = ["Misplaced", "PointErrors", "Score", "score"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 #: What becomes of a prediction in another unit, place or frame: an error, or a warning.
 Misplaced = Literal["refuse", "tell"]
 
@@ -59,8 +57,8 @@ class PointErrors:
     points: Floats
     distances_mm: Floats
     normal_errors_deg: Floats
-    faces: Indices
-    closest_faces: Indices
+    faces: Ints
+    closest_faces: Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

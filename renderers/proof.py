@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
@@ -19,7 +19,6 @@ from harness.geometry.surface import vertex_normals
 
 __all__ = ["ViewProof", "cut_warnings", "prove", "require_proof"]
 
-Floats = NDArray[np.float64]
 
 #: Odd, so that coverage never ties at one half.
 _SUPERSAMPLE = 3

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
@@ -22,7 +23,6 @@ from renderers.studio import key_light_position
 
 __all__ = ["RaycastRenderer"]
 
-Floats = NDArray[np.float64]
 
 #: Rays along each side of a pixel. Odd, so that half-covered pixels do not tie.
 _SUPERSAMPLE = 3

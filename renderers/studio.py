@@ -14,13 +14,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 
 __all__ = ["KEY_SIDE_M", "key_light_position", "square_light_radiance"]
 
-Floats = NDArray[np.float64]
 
 #: Side of the square key light, metres.
 KEY_SIDE_M = 1.6

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
 from harness.core.files.hashing import derive_seed
 
@@ -24,7 +24,6 @@ __all__ = [
     "sign_flip_p_value",
 ]
 
-Floats = NDArray[np.float64]
 
 RESAMPLES = 10_000
 #: Up to so many subjects all sign patterns are tried: 2^20 sums take 10 ms.

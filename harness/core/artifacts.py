@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import views_from_front
 from harness.core.errors import DataError, MethodError
@@ -35,7 +36,6 @@ __all__ = [
     "image_name",
 ]
 
-Floats = NDArray[np.float64]
 
 CAPTURE_SCHEMA = 1
 #: In the file of a true body: how far (r.m.s., metres) its surface is from what the body model

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import AnyInts, Floats
 from harness.core.errors import DataError
 
 __all__ = ["Mesh"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.integer[Any]]
 
 _SAFE_COORDINATE = 1e100
 _FEW_FACES = 1000
@@ -41,9 +39,9 @@ class Mesh:
     """
 
     vertices: Floats
-    faces: Indices
+    faces: AnyInts
     uv: Floats | None = None
-    face_uv: Indices | None = None
+    face_uv: AnyInts | None = None
     texture: Path | None = None
     source: str = "mesh"
 
@@ -193,7 +191,7 @@ class Mesh:
         return replace(self, uv=None, face_uv=None, texture=None)
 
 
-def _face_vectors(vertices: Floats, faces: Indices) -> Floats:
+def _face_vectors(vertices: Floats, faces: AnyInts) -> Floats:
     """(F, 3) cross products of two edges of each face."""
     a, b, c = (vertices.take(faces[:, corner], axis=0) for corner in range(3))
     u, w = b - a, c - a

@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
@@ -24,8 +25,6 @@ __all__ = [
     "NormalEstimator",
     "Part",
 ]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.array_files.pickles import read_array_pickle
+from harness.core.arrays import Floats
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.files.hashing import file_sha256
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PLAUSIBLE_HEIGHT_M", "load_scan", "load_world_mesh", "locate_scan"]
 
-Floats = NDArray[np.float64]
 
 #: A subject outside this range is reported: its scale is probably wrong.
 PLAUSIBLE_HEIGHT_M = (1.2, 2.2)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from harness.core.arrays import Bytes, Floats
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 
@@ -36,8 +37,6 @@ __all__ = [
     "unit_normals",
 ]
 
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 Result = TypeVar("Result")
 
 #: Larger pictures are refused: the largest textures of scans have 8192 x 8192 pixels.

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals
 
 __all__ = ["lit_share", "vertex_openness"]
 
-Floats = NDArray[np.float64]
 
 #: Rays start this far above the surface, metres, so that they do not meet where they start.
 _LIFT_M = 1e-3

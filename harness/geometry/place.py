@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 
 __all__ = ["MEAN_HEIGHT_M", "Place", "mask_box", "place_of"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: What a person's silhouette is taken to span where a single view tells no distance.
 MEAN_HEIGHT_M = 1.70

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
@@ -21,7 +22,6 @@ from harness.geometry.surface import vertex_normals
 
 __all__ = ["Hits", "Raycaster", "to_map_frame"]
 
-Floats = NDArray[np.float64]
 Frame = Literal["world", "camera"]
 
 #: Rays per call, which bounds memory to about 100 MB whatever the picture's size.

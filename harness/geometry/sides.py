@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Hits, Raycaster
 
 __all__ = ["Side", "SidedRaycaster"]
 
-Floats = NDArray[np.float64]
 Side = Literal["near", "far"]
 
 #: The rays to the far side start this much behind the mesh, metres.

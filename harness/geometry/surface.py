@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
 __all__ = ["SurfaceIndex", "SurfacePoints", "merged_positions", "vertex_normals"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: A sum of unit normals shorter than this has cancelled and no longer has a direction.
 _CANCELLED = 1e-6
@@ -33,14 +32,14 @@ class SurfacePoints:
     """
 
     points: Floats
-    faces: Indices
+    faces: Ints
     barycentric: Floats
 
     def __len__(self) -> int:
         return len(self.points)
 
 
-def merged_positions(vertices: Floats) -> Indices:
+def merged_positions(vertices: Floats) -> Ints:
     """(V,) a number for each of (V, D) points, equal where, and only where, positions are equal.
 
     Texture seams and face-by-face formats split vertices; by position they are one again.
@@ -65,7 +64,7 @@ def vertex_normals(mesh: Mesh) -> Floats:
     return _corner_normals(group[mesh.faces], int(group.max()) + 1, mesh.face_normals())[group]
 
 
-def _corner_normals(faces: Indices, count: int, face_vectors: Floats) -> Floats:
+def _corner_normals(faces: Ints, count: int, face_vectors: Floats) -> Floats:
     """(count, 3) unit normals of what (F, 3) corners are numbered by; zero where they cancel."""
     corners = faces.T
     lengths = _lengths(face_vectors)
@@ -79,7 +78,7 @@ def _corner_normals(faces: Indices, count: int, face_vectors: Floats) -> Floats:
     return sums
 
 
-def _split_at_seams(mesh: Mesh) -> tuple[Indices, int]:
+def _split_at_seams(mesh: Mesh) -> tuple[Ints, int]:
     """(F, 3) a number for each corner, and how many there are.
 
     Equal where, and only where, position and texture coordinate are equal.
@@ -148,7 +147,7 @@ class SurfaceIndex:
         return float(np.einsum("ij,ij->", arms, self.face_vectors)) / 6
 
     @cached_property
-    def _smooth(self) -> tuple[Floats, Indices]:
+    def _smooth(self) -> tuple[Floats, Ints]:
         """(K, 3) unit normals, and (F, 3) which of them each corner has."""
         if self._split_seams:
             corners, count = _split_at_seams(self.mesh)
@@ -174,7 +173,7 @@ class SurfaceIndex:
         found = self.at(faces, barycentric)
         return found, _lengths(found.points - points)
 
-    def at(self, faces: Indices, barycentric: Floats) -> SurfacePoints:
+    def at(self, faces: Ints, barycentric: Floats) -> SurfacePoints:
         """The points with the given (N,) faces and (N, 3) barycentric weights."""
         points = _blend(self.mesh.vertices, self.mesh.faces[faces], barycentric)
         return SurfacePoints(points=points, faces=faces, barycentric=barycentric)

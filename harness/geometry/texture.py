@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.mesh import Mesh
 from harness.geometry.images import linear_from_srgb
 from harness.geometry.raycast import Hits
 
 __all__ = ["linear_texture", "texture_at"]
-
-Floats = NDArray[np.float64]
 
 
 def linear_texture(texture: NDArray[np.uint8]) -> Floats:

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError, MethodError
 from harness.core.privileges import Privilege
@@ -24,7 +22,6 @@ from methods.normals.onnx_estimator import OnnxNormals
 
 __all__ = ["BodyNormals", "NormalChoice", "OracleNormals"]
 
-Floats = NDArray[np.float64]
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.errors import DataError, MethodError, MissingPart
 from harness.core.protocols import Part
 from harness.geometry.images import unit_normals
@@ -31,7 +32,6 @@ from methods.normals.window import Window, mask_window, whole_window
 
 __all__ = ["OnnxNormals"]
 
-Floats = NDArray[np.float64]
 
 _INPUTS = ("image", "body_front", "body_back")
 _OPTIONAL_INPUTS = ("mask",)

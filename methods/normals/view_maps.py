@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.errors import MethodError
 from harness.core.protocols import NormalEstimator
 from harness.geometry.sides import SidedRaycaster
 from methods.normals.working_view import WorkingView
 
 __all__ = ["ViewMaps", "filled_normals", "view_maps"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
+
 __all__ = ["MARGIN_PX", "Window", "mask_window", "whole_window"]
 
-Floats = NDArray[np.float64]
 
 #: Least number of pixels between the subject and the window's border.
 MARGIN_PX = 16

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
@@ -15,8 +15,6 @@ from harness.geometry.place import mask_box
 
 __all__ = ["WorkingView", "working_view"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Share of the square that the subject's longer side fills, as in ECON's crops.
 _FILLED = 0.9

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from harness.core.arrays import Floats
 from methods.surface.lattice import Couplings, solve
 
 __all__ = ["Anchors", "Equations", "Schedule", "integrate"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
@@ -24,8 +24,6 @@ from methods.surface.completion import smooth_offsets, stiffness
 
 __all__ = ["Outline", "believed", "clothed_body", "ways_out_m"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
 _STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04

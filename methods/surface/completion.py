@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex, vertex_normals
@@ -27,9 +28,6 @@ __all__ = [
     "stiffness",
     "without_vertices",
 ]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class Completion(Protocol):

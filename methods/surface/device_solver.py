@@ -6,9 +6,9 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, dia_array
 
+from harness.core.arrays import Singles
 from harness.core.errors import MissingPart
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["conjugate_gradients_on"]
 
-Singles = NDArray[np.float32]
 
 # Reading the residual back stalls the device; a few steps too many cost less.
 _STEPS_BETWEEN_READINGS = 8

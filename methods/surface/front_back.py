@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion
 
+from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from methods.surface.bilateral import Anchors, Equations, Schedule, integrate
 from methods.surface.integration import (
@@ -28,9 +29,6 @@ from methods.surface.integration import (
 )
 
 __all__ = ["BodyPrior", "FrontBackDepth", "FrontBackParameters", "integrate_front_back"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
@@ -20,7 +20,6 @@ from methods.surface.pinches import open_edges, without_pinches
 
 __all__ = ["FusionParameters", "concatenated", "fused", "largest_component", "one_piece"]
 
-Floats = NDArray[np.float64]
 
 #: The octree's side over the longest side of the surfaces. At the published 1.1 a bulge in a wide
 #: gap can reach the octree's wall, where the surface then stays open.

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Mask
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex
@@ -15,7 +15,6 @@ from methods.surface.completion import without_vertices
 
 __all__ = ["body_hands", "without_hands"]
 
-Mask = NDArray[np.bool_]
 
 #: The published distance (0.08 in ECON's cube, in which a person is about 1.8 high).
 REACH_M = 0.08

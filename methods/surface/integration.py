@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import label
 
+from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from methods.surface.bilateral import Equations, Schedule, integrate
 
@@ -19,8 +20,6 @@ __all__ = [
     "tangent_planes",
 ]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # An 8-bit map is off by up to 0.007; a map left in [0, 1] or interpolated across an edge by more.
 _UNIT_TOLERANCE = 0.02

@@ -16,15 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import dia_array
 
+from harness.core.arrays import Floats, Singles
 from methods.surface.device_solver import conjugate_gradients_on
 
 __all__ = ["Couplings", "solve"]
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 # Solving for the correction of a float64 iterate, single precision is far finer than the tolerance
 # and halves the memory traffic that conjugate gradients are made of.

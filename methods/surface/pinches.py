@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Ints
 from harness.core.mesh import Mesh
 
 __all__ = ["open_edges", "without_pinches"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: How far the two middles of a cut edge move towards the faces they belong to.
 _APART = 0.1
@@ -63,7 +62,7 @@ def without_pinches(mesh: Mesh) -> tuple[Mesh, int]:
     return replace(mesh, vertices=np.array(vertices), faces=np.array(faces)), len(pinched)
 
 
-def _half_edges(faces: NDArray[np.integer[Any]]) -> tuple[Indices, Indices]:
+def _half_edges(faces: NDArray[np.integer[Any]]) -> tuple[Ints, Ints]:
     corners = faces.astype(np.int64)
     return corners.ravel(), np.roll(corners, -1, axis=1).ravel()
 
@@ -77,7 +76,7 @@ def _without_back_to_back(mesh: Mesh) -> Mesh:
     return mesh if keep.all() else mesh.submesh(keep)
 
 
-def _pinched_edges(mesh: Mesh) -> Indices:
+def _pinched_edges(mesh: Mesh) -> Ints:
     """(E, 2) edges along which two faces run each way."""
     start, end = _half_edges(mesh.faces)
     count = len(mesh.vertices)

@@ -9,14 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from harness.core.arrays import Floats, Ints32
 from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
 __all__ = ["SheetParameters", "depth_sheet", "front_back_sheets", "without_small_components"]
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +89,7 @@ def depth_sheet(
     return Mesh(vertices[used], renumbered[faces], source=name)
 
 
-def without_small_components(faces: Indices, least_share: float) -> Indices:
+def without_small_components(faces: Ints32, least_share: float) -> Ints32:
     """The faces (F, 3) whose component holds more than ``least_share`` of the vertices in use."""
     if len(faces) == 0:
         return faces
@@ -104,10 +102,10 @@ def without_small_components(faces: Indices, least_share: float) -> Indices:
     return faces[share[component[compact[:, 0]]] > least_share]
 
 
-def _grid_faces(valid: NDArray[np.bool_], away: bool) -> Indices:
+def _grid_faces(valid: NDArray[np.bool_], away: bool) -> Ints32:
     """Two triangles per square of four valid pixels, counter-clockwise from outside.
 
-    Indices count the valid pixels row by row.
+    Ints32 count the valid pixels row by row.
     """
     index = np.cumsum(valid.ravel(), dtype=np.int32).reshape(valid.shape) - 1
     whole = valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, :-1] & valid[1:, 1:]
@@ -122,7 +120,7 @@ def _grid_faces(valid: NDArray[np.bool_], away: bool) -> Indices:
     return faces[:, ::-1] if away else faces
 
 
-def _facing(vertices: Floats, faces: Indices, eye: Floats) -> Floats:
+def _facing(vertices: Floats, faces: Ints32, eye: Floats) -> Floats:
     """(F,) absolute cosine between each face's normal and the line of sight to its centre."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera, look_at
 from harness.core.cameras.frames import BLENDER_TO_WORLD, camera_to_blender
@@ -28,7 +29,6 @@ from renderers.studio import KEY_SIDE_M, key_light_position, square_light_radian
 
 __all__ = ["BlenderCamera", "BlenderView", "KeyLight", "Scene", "describe", "vertices_in_blender"]
 
-Floats = NDArray[np.float64]
 Matrix = tuple[tuple[float, ...], ...]
 
 #: Any value does, as only lens / sensor matters; Blender's own default.

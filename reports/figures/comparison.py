@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
@@ -23,7 +23,6 @@ from reports.figures.shading import ErrorScale, heat, shaded
 
 __all__ = ["MethodMesh", "SubjectPanels", "colour_bar", "overlay_figure", "qualitative_grid"]
 
-Floats = NDArray[np.float64]
 
 _PANEL_INCH = 2.8
 _OVERLAY_INCH = 4.0

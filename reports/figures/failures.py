@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
@@ -35,7 +36,6 @@ __all__ = [
     "worst_subjects",
 ]
 
-Floats = NDArray[np.float64]
 
 _PANEL_INCH = 3.2
 _TITLE_LENGTH = 22

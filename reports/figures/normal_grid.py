@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, NormalMaps
 from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
@@ -21,7 +22,6 @@ from reports.figures.shading import ErrorScale
 
 __all__ = ["NormalPanels", "NormalRow", "normal_grid"]
 
-Floats = NDArray[np.float64]
 
 _PANEL_INCH = 2.4
 _MARGIN = 0.02

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
@@ -20,7 +20,6 @@ from harness.geometry.screen import screen_rectangle
 
 __all__ = ["Window", "blended", "canvas", "on_white", "photo", "save", "show", "windows"]
 
-Floats = NDArray[np.float64]
 
 _DPI = 150
 _MARGIN = 0.06

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from harness.core.arrays import Floats
 from harness.core.errors import DataError
 
 __all__ = ["Camera", "look_at", "rigid_inverse"]
 
-Floats = NDArray[np.float64]
 
 _ROTATION_TOLERANCE = 1e-5
 

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, rigid_inverse
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json, write_text
@@ -34,7 +35,6 @@ __all__ = [
     "write_transforms_json",
 ]
 
-Floats = NDArray[np.float64]
 
 #: (4, 4) from Blender's world (Z up, front -Y) to ours (Y up, front +Z): (x, y, z) is (x, z, -y).
 BLENDER_TO_WORLD: Floats = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

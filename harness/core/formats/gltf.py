@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Ints
 from harness.core.cameras.frames import rotation_from_quaternion
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
 __all__ = ["read_glb"]
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -83,8 +82,8 @@ def read_glb(path: Path) -> Mesh:
     )
 
 
-def _pieces(glb: _Glb) -> list[tuple[Floats, Indices]]:
-    pieces: list[tuple[Floats, Indices]] = []
+def _pieces(glb: _Glb) -> list[tuple[Floats, Ints]]:
+    pieces: list[tuple[Floats, Ints]] = []
     count = 0
     for node in _roots(glb):
         for piece in _node(glb, node, np.eye(4)):
@@ -121,7 +120,7 @@ def _roots(glb: _Glb) -> list[int]:
     return [index for index in range(len(nodes)) if index not in children]
 
 
-def _node(glb: _Glb, index: int, parent: Floats) -> Iterator[tuple[Floats, Indices]]:
+def _node(glb: _Glb, index: int, parent: Floats) -> Iterator[tuple[Floats, Ints]]:
     """Vertices and faces of every primitive at and below a node, in the file's axes."""
     if index in glb.visited:
         # The format gives a node one parent; shared nodes could grow without end.
@@ -147,7 +146,7 @@ def _node(glb: _Glb, index: int, parent: Floats) -> Iterator[tuple[Floats, Indic
         yield from _node(glb, child, transform)
 
 
-def _primitive(glb: _Glb, primitive: dict[str, Any]) -> tuple[Floats, Indices]:
+def _primitive(glb: _Glb, primitive: dict[str, Any]) -> tuple[Floats, Ints]:
     vertices = _accessor(glb, primitive["attributes"]["POSITION"]).astype(np.float64)
     if "indices" in primitive:
         faces = _accessor(glb, primitive["indices"]).astype(np.int64).reshape(-1, 3)

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Bytes, Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.formats.mtl import texture_image
@@ -18,8 +19,6 @@ from harness.core.mesh import Mesh
 
 __all__ = ["read_obj", "write_obj"]
 
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 Number = TypeVar("Number", np.float64, np.int64)
 
 _NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"
@@ -95,7 +94,7 @@ class _Records:
         lines = self.lines(keyword).tobytes().splitlines()
         return [line.decode(errors="replace").strip() for line in lines]
 
-    def count_before(self, keyword: bytes, later: bytes) -> Integers:
+    def count_before(self, keyword: bytes, later: bytes) -> Ints:
         """How many lines of a keyword stand before each line of another one."""
         return np.cumsum(self._are(keyword), dtype=np.int64)[self._are(later)]
 
@@ -116,10 +115,10 @@ class _Words:
         borders = np.flatnonzero(is_word[1:] != is_word[:-1]) + 1
         self.starts, self.ends = borders[0::2], borders[1::2]
         newlines = np.flatnonzero(lines == _NEWLINE)
-        self.per_line: Integers = np.diff(np.searchsorted(self.starts, newlines), prepend=0)
+        self.per_line: Ints = np.diff(np.searchsorted(self.starts, newlines), prepend=0)
 
 
-def _slashes_per_word(lines: Bytes, words: _Words) -> Integers:
+def _slashes_per_word(lines: Bytes, words: _Words) -> Ints:
     slashes = np.flatnonzero(lines == _SLASH)
     return np.diff(np.searchsorted(slashes, np.append(words.starts, len(lines))))
 
@@ -231,7 +230,7 @@ class _Corners:
             )
         self.table = table.reshape(-1, per_corner)
 
-    def triangles(self, column: int, keyword: bytes) -> Integers:
+    def triangles(self, column: int, keyword: bytes) -> Ints:
         """(F, 3) zero-based indices of one column into the records of a keyword."""
         indices = self.table[:, column]
         if len(indices) and int(np.abs(indices).min()) == 0:

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.core.array_files.npz import read_array_npz
+from harness.core.arrays import Floats
 from harness.core.artifacts import OFF_MODEL, Body, Capture, Scan
 from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
@@ -24,7 +24,6 @@ from metrics import body as measure
 
 __all__ = ["TrueBody", "body_metrics"]
 
-Floats = NDArray[np.float64]
 
 #: Longer side of the subject in the pictures that are compared, pixels.
 _SUBJECT_PX = 512

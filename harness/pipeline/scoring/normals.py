@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import NormalMaps, Scan
 from harness.core.cameras.rigs import camera_yaw_deg
 from harness.core.mesh import Mesh
@@ -21,8 +22,6 @@ from metrics.normal_maps import angular_error_map, angular_errors
 
 __all__ = ["SIDES", "TrueNormals", "normal_details", "true_normals"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: What the photo shows, and what it hides.
 SIDES: tuple[Side, ...] = ("near", "far")

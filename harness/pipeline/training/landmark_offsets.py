@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Scan
 from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError, HarnessError
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["deviations_mm", "remaining_mm", "symmetric_means", "triangulated", "true_posed"]
 
-Floats = NDArray[np.float64]
 
 _DATASET, _SIZE = "avatars-train", (540, 960)
 #: Distances at which a view's pixel, and a subject's deviation, count half.

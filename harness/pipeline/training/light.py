@@ -10,15 +10,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.images import srgb_from_linear
 from harness.geometry.screen import screen_rectangle
 
 __all__ = ["Lamp", "Light", "developed", "drawn_camera", "drawn_light"]
 
-Floats = NDArray[np.float64]
 
 #: Half of the views are near the front and the back, which is what methods estimate.
 _NEAR_AXIS = 0.5

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Scan
 from harness.core.cameras.camera import Camera
 from harness.core.files.atomic import atomic_path
@@ -31,7 +32,6 @@ from renderers.protocol import texture_of
 
 __all__ = ["SAMPLES_VERSION", "SampleSettings", "make_samples", "samples_key"]
 
-Floats = NDArray[np.float64]
 
 SAMPLES_VERSION = 1
 """Changes whenever any output does."""

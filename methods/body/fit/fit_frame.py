@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from methods.body.models.model import Parameters
 from methods.body.photos.views import Views
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 __all__ = ["fit_frame", "in_frame", "out_of_frame"]
-
-Floats = NDArray[np.float64]
 
 
 def fit_frame(views: Views) -> Floats:

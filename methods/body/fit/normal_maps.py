@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.geometry.raycast import Hits
 from methods.body.fit.projection import Projector
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 __all__ = ["NormalTarget", "Skin", "normal_cost", "seen_normals"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from harness.core.arrays import Floats
 
 __all__ = ["mean_rotation", "mean_rotation_vector", "upright"]
-
-Floats = NDArray[np.float64]
 
 
 def mean_rotation(rotations: Floats) -> Floats:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from methods.body.fit.projection import Projector
 from methods.body.fit.surface import BodySurface
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SilhouetteTarget", "clothed", "silhouette_cost"]
 
-Floats = NDArray[np.float64]
 
 #: How far outside an edge a ray is sent to see whether the edge is on the outline, pixels.
 _OUTSIDE_PX = 0.25

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats, Ints
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 
@@ -14,9 +15,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 __all__ = ["BodySurface", "Topology", "vertex_normals"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Topology:

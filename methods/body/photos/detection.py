@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.errors import MissingPart
 from harness.core.protocols import Part
@@ -28,7 +29,6 @@ from methods.body.models.offsets import LEAN_DEG
 
 __all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "agreed", "detect", "part"]
 
-Floats = NDArray[np.float64]
 
 #: Landmarks of MediaPipe's body.
 COUNT = 33

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
@@ -17,7 +18,6 @@ from methods.body.photos.detection import Detections, detect
 
 __all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
 
-Floats = NDArray[np.float64]
 
 #: Side of the square that losses refer to, in longer sides of the subject's box, about as in ECON's
 #: crops; without it a loss would depend on how much of the picture the subject fills.

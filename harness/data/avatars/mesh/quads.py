@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+
+from harness.core.arrays import Floats, Ints
 
 __all__ = [
     "Floats",
@@ -26,8 +27,6 @@ __all__ = [
     "vertex_normals",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 SparseMatrix: TypeAlias = Any
 """A scipy.sparse matrix in CSR form; scipy does not type it."""
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.mesh import Mesh
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

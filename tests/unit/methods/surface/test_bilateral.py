@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from methods.surface.bilateral import Anchors, Equations, Schedule, integrate
-
-Floats = NDArray[np.float64]
 
 
 def random_equations(seed: int, shape: tuple[int, int]) -> Equations:

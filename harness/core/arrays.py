@@ -1,0 +1,25 @@
+"""What arrays hold, by name: the aliases that annotations use everywhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["AnyInts", "Bytes", "Floats", "Ints", "Ints32", "Mask", "Singles"]
+
+#: Double precision, the default for geometry.
+Floats = NDArray[np.float64]
+#: Single precision, for pictures and networks.
+Singles = NDArray[np.float32]
+#: Indices and counts.
+Ints = NDArray[np.int64]
+#: Indices and counts where memory matters.
+Ints32 = NDArray[np.int32]
+#: Integers of any size, as files give them.
+AnyInts = NDArray[np.integer[Any]]
+#: True where something holds.
+Mask = NDArray[np.bool_]
+#: Colours of eight bits a channel.
+Bytes = NDArray[np.uint8]
