@@ -22,6 +22,7 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
 from harness.geometry.images import load_mask, save_png
 from harness.geometry.sides import SidedRaycaster
+from harness.geometry.topology import concatenated
 from methods.body_fit import BodyFit, FittedBody, body_model
 from methods.fit_settings import FitSettings
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
@@ -36,7 +37,7 @@ from methods.surface.front_back import (
     FrontBackParameters,
     integrate_front_back,
 )
-from methods.surface.fusion import FusionParameters, concatenated, fused
+from methods.surface.fusion import FusionParameters, fused
 from methods.surface.hands import body_hands, without_hands
 
 __all__ = ["ClothedMethod", "ClothedSettings", "SheetPlan", "integrated"]

@@ -24,6 +24,7 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
 from harness.geometry.images import load_mask
 from harness.geometry.place import Place, place_of
+from harness.geometry.topology import pieces_of
 
 __all__ = ["HullSettings", "VisualHull", "hull8"]
 
@@ -188,20 +189,9 @@ def _contour(origin: Floats, field: Singles, settings: HullSettings) -> Mesh:
 
 
 def _without_crumbs(mesh: Mesh, minimum_share: float) -> Mesh:
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(mesh.vertices)
-    rows, columns = mesh.faces[:, [0, 1]].T
-    third = mesh.faces[:, 2]
-    edges = coo_matrix(
-        (np.ones(2 * len(rows)), (np.tile(rows, 2), np.concatenate([columns, third]))),
-        shape=(count, count),
-    )
-    _, piece_of_vertex = connected_components(edges, directed=False)
-    piece = piece_of_vertex[mesh.faces[:, 0]]
-    sizes = np.bincount(piece)
-    return mesh.submesh(sizes[piece] >= minimum_share * len(mesh.faces))
+    pieces = pieces_of(mesh.faces, len(mesh.vertices))
+    sizes = pieces.face_counts[pieces.of_face]
+    return mesh.submesh(sizes >= minimum_share * len(mesh.faces))
 
 
 hull8 = VisualHull(

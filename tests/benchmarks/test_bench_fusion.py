@@ -16,6 +16,7 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from harness.geometry.sides import SidedRaycaster
+from harness.geometry.topology import concatenated, open_edges
 from methods.clothed import integrated
 from methods.normals import (
     NormalChoice,
@@ -27,8 +28,7 @@ from methods.stages import Stages, contact_sheet
 from methods.surface import FrontBackDepth, front_back_sheets
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import FrontBackParameters
-from methods.surface.fusion import FusionParameters, concatenated, fused
-from methods.surface.pinches import open_edges
+from methods.surface.fusion import FusionParameters, fused
 
 RESOLUTION = 256
 #: On a busy machine single measurements differ by half.

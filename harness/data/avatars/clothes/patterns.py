@@ -19,7 +19,6 @@ from harness.data.avatars.mesh.quads import (
     SparseMatrix,
     border_loops,
     compact,
-    components,
     refine,
     relax,
     relax_border,
@@ -27,6 +26,7 @@ from harness.data.avatars.mesh.quads import (
 )
 from harness.data.avatars.people.body import Body
 from harness.data.avatars.people.landmarks import Heights, Places, heights, places, ramp, trunk_axis
+from harness.geometry.topology import pieces_of
 
 __all__ = ["Piece", "cut_bottom", "cut_top"]
 
@@ -70,8 +70,8 @@ class _Sheet:
             raise DataError(
                 "a garment's cut leaves no cloth", hint="Check the lengths in its recipe"
             )
-        piece = components(len(self.vertices), quads)[quads[:, 0]]
-        used, self.quads = compact(quads[piece == np.bincount(piece).argmax()])
+        pieces = pieces_of(quads, len(self.vertices))
+        used, self.quads = compact(quads[pieces.of_face == pieces.face_counts.argmax()])
         self.vertices, self.weights = self.vertices[used], self.weights[used]
         self.pattern, self.pin = self.pattern[used], self.pin[used]
         self.opening = self.opening[used]

@@ -18,13 +18,13 @@ from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.sides import SidedRaycaster
+from harness.geometry.topology import open_edges
 from methods import clothed
 from methods.body_fit import BodyFit, FittedBody
 from methods.clothed import ClothedMethod
 from methods.econ import econ
 from methods.fit_settings import JMBO
 from methods.mexecon import mexecon2, mexecon8, mexecon_plus, oracle8
-from methods.surface.pinches import open_edges
 
 RADII, CENTRE, CLOTH_M = np.array([0.28, 0.8, 0.2]), np.array([0.04, 0.05, 0.03]), 0.015
 
