@@ -20,8 +20,9 @@ from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
-from harness.geometry.images import load_mask, save_png
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.images import save_png
+from harness.geometry.photo import open_photo
+from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import concatenated
 from methods.body_fit import BodyFit, FittedBody, body_model
 from methods.fit_settings import FitSettings
@@ -29,7 +30,7 @@ from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
 from methods.published import Published
 from methods.stages import Stages, contact_sheet
-from methods.surface.clothed_body import Outline, clothed_body
+from methods.surface.clothed_body import clothed_body
 from methods.surface.completion import BodyCompletion, CompletionParameters
 from methods.surface.front_back import (
     BodyPrior,
@@ -202,9 +203,9 @@ class ClothedMethod:
         shape = skin
         if self.settings.clothes == "silhouettes":
             with context.stage("clothes"):
-                outlines = [_outline(capture, view) for view in fitted.views_used]
+                outlines = [open_photo(capture, view).outline for view in fitted.views_used]
                 shape = clothed_body(skin, outlines)
-                caster = SidedRaycaster(shape)
+                caster = Raycaster(shape)
                 maps = [each.held_to(caster) for each in maps]
         with context.stage("integration"):
             depths = [integrated(each, self.settings.integration) for each in maps]
@@ -229,7 +230,7 @@ class ClothedMethod:
         )
 
     def _maps(self, capture: Capture, skin: Mesh, context: Context) -> list[ViewMaps]:
-        choice, caster = self.settings.normal_choice, SidedRaycaster(skin)
+        choice, caster = self.settings.normal_choice, Raycaster(skin)
         maps = []
         for index in self._plan.views:
             view = working_view(capture, index, self.settings.resolution)
@@ -259,11 +260,6 @@ class ClothedMethod:
         if self.settings.hands == "sheets":
             return np.zeros_like(left)
         return left & fitted.hands_found[0] | right & fitted.hands_found[1]
-
-
-def _outline(capture: Capture, view: int) -> Outline:
-    camera = capture.cameras[view]
-    return Outline(camera, load_mask(capture.image_path(view), camera.size) >= 0.5)
 
 
 def _handed_out(maps: ViewMaps) -> NormalMaps:

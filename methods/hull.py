@@ -16,13 +16,13 @@ import numpy as np
 
 from harness.core.arrays import Floats, Singles
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import overridden
-from harness.geometry.images import load_mask
+from harness.geometry.outline import Outline
+from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
 from harness.geometry.topology import pieces_of
 
@@ -71,49 +71,13 @@ class VisualHull:
         """
         views = self.info.views or range(len(capture.cameras))
         with context.stage("outlines"):
-            cameras = [capture.cameras[view] for view in views]
-            coverages = [
-                load_mask(capture.image_path(view), camera.size)
-                for view, camera in zip(views, cameras, strict=True)
-            ]
-            place = place_of(cameras, [coverage > 0.5 for coverage in coverages])
-            outlines = [
-                _Outline(camera, coverage)
-                for camera, coverage in zip(cameras, coverages, strict=True)
-            ]
+            outlines = [open_photo(capture, view).outline for view in views]
+            place = place_of(outlines)
         with context.stage("carve"):
             origin, field = _carve(outlines, place, self.settings)
         with context.stage("contour"):
             mesh = _contour(origin, field, self.settings)
         return Reconstruction(mesh=mesh, details={"voxels": int(field.size)})
-
-
-class _Outline:
-    """Signed distance to one silhouette's outline, positive inside."""
-
-    def __init__(self, camera: Camera, coverage: Floats) -> None:
-        from scipy.ndimage import distance_transform_edt
-
-        inside = coverage > 0.5
-        # Beyond the frame the mask is continued, so that a subject that is cut is not carved there.
-        padded = np.pad(inside, 1, mode="edge")
-        to_outside = distance_transform_edt(padded)[1:-1, 1:-1]
-        to_inside = distance_transform_edt(~padded)[1:-1, 1:-1]
-        # Between the centres of two pixels the outline runs where coverage says, not half-way.
-        sub_pixel = np.clip(coverage - 0.5, -0.5, 0.5)
-        far = np.where(inside, to_outside - 0.5, 0.5 - to_inside)
-        near = np.abs(far) < 1.0
-        self.distance_px = np.where(near, sub_pixel, far).astype(np.float32)
-        self.camera = camera
-
-    def distance_m(self, points_world: Floats) -> Singles:
-        """Signed distances (N,) of world points to the silhouette's cone, metres at their depth."""
-        from scipy.ndimage import map_coordinates
-
-        pixels, depth = self.camera.project(points_world)
-        rows_columns = pixels[:, ::-1].T - 0.5
-        distance = map_coordinates(self.distance_px, rows_columns, order=1, mode="nearest")
-        return (distance * depth / self.camera.K[0, 0]).astype(np.float32)
 
 
 def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Floats:
@@ -122,7 +86,7 @@ def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Float
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -> Singles:
+def _hull_distance(outlines: list[Outline], points: Floats, outside_m: float) -> Singles:
     """Least signed distance over the views (N,); a point that one view sees further than
     ``outside_m`` outside is not asked of the next, so that its value is an upper bound.
     """
@@ -135,9 +99,7 @@ def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -
     return distance
 
 
-def _carve(
-    outlines: list[_Outline], place: Place, settings: HullSettings
-) -> tuple[Floats, Singles]:
+def _carve(outlines: list[Outline], place: Place, settings: HullSettings) -> tuple[Floats, Singles]:
     """The field on fine voxels of the blocks that the surface may cross, and its first point."""
     edge = settings.voxel_m * settings.block
     half = _half_extent(place, settings.margin_m)

@@ -71,7 +71,7 @@ def prove(mesh: Mesh, cameras: Sequence[Camera], directory: Path) -> tuple[ViewP
                 reprojection_mean_px=float(errors.mean()) if len(errors) else None,
                 reprojection_p95_px=float(np.percentile(errors, 95)) if len(errors) else None,
                 outline_vertices=len(outline),
-                cut=caster.window(camera).cut,
+                cut=caster.is_cut(camera),
             )
         )
     return tuple(proofs)

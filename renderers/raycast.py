@@ -50,11 +50,9 @@ def _picture(
     """(H, W, 4) uint8, shaded finely within the mesh's window only."""
     picture = np.zeros((camera.height, camera.width, 4), dtype=np.uint8)
     window = caster.window(camera)
-    if window.empty:
+    if window.is_empty:
         return picture
-    fine = camera.cropped(window.left, window.top, window.width, window.height).resized(
-        window.width * _SUPERSAMPLE, window.height * _SUPERSAMPLE
-    )
+    fine = window.camera(camera, (window.width * _SUPERSAMPLE, window.height * _SUPERSAMPLE))
     hits = caster.cast(fine)
     colour = texture_at(hits, caster.mesh, texture) * _light(hits, caster, fine, recipe)[..., None]
     blocks = (window.height, _SUPERSAMPLE, window.width, _SUPERSAMPLE)

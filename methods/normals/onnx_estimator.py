@@ -27,8 +27,9 @@ from harness.core.arrays import Floats
 from harness.core.errors import DataError, MethodError, MissingPart
 from harness.core.protocols import Part
 from harness.geometry.images import unit_normals
+from harness.geometry.window import Window
 from methods.normals.onnx_files import network_sha256
-from methods.normals.window import Window, mask_window, whole_window
+from methods.normals.window import mask_window, whole_window
 
 __all__ = ["OnnxNormals"]
 
@@ -83,7 +84,7 @@ class OnnxNormals:
         inside = mask >= 0.5
         if not inside.any():
             return np.zeros_like(body_front), np.zeros_like(body_back)
-        size = (mask.shape[0], mask.shape[1])
+        size = (mask.shape[1], mask.shape[0])
         window = mask_window(inside) if self._around_mask else whole_window(size)
         maps = {
             "image": window.cut((2.0 * rgb - 1.0) * inside[..., None]),

@@ -18,9 +18,9 @@ from scipy.ndimage import binary_erosion
 
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
+from harness.geometry.window import Window
 from methods.surface.bilateral import Anchors, Equations, Schedule, integrate
 from methods.surface.integration import (
-    bounding_box,
     checked_intrinsics,
     checked_mask,
     checked_normals,
@@ -130,7 +130,7 @@ def integrate_front_back(
     intrinsics = None if K is None else checked_intrinsics(K)
     space = _DepthSpace.around(_inflated(prior, mask, parameters, intrinsics), intrinsics)
 
-    window = bounding_box(mask)
+    window = Window.around(mask).slices
     origin = (window[0].start, window[1].start)
     link_rows = _odd_above(mask[window].shape[0])
     both = [

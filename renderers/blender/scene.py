@@ -24,7 +24,7 @@ from harness.core.errors import DataError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window
 from renderers.studio import KEY_SIDE_M, key_light_position, square_light_radiance
 
 __all__ = ["BlenderCamera", "BlenderView", "KeyLight", "Scene", "describe", "vertices_in_blender"]
@@ -200,13 +200,13 @@ def _key_light(camera: Camera, strength: float) -> KeyLight | None:
 
 
 def _border(mesh: Mesh, camera: Camera) -> tuple[float, float, float, float] | None:
-    window = screen_rectangle(mesh.vertices, camera, margin=_BORDER_MARGIN_PX)
-    if window.empty:
+    window = Window.around_points(mesh.vertices, camera, margin=_BORDER_MARGIN_PX)
+    if window.is_empty:
         return None
     return (
         window.left / camera.width,
-        1.0 - (window.top + window.height) / camera.height,
-        (window.left + window.width) / camera.width,
+        1.0 - window.bottom / camera.height,
+        window.right / camera.width,
         1.0 - window.top / camera.height,
     )
 

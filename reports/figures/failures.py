@@ -23,7 +23,7 @@ from harness.core.mesh import Mesh
 from harness.core.records import Record
 from harness.geometry.raycast import Raycaster
 from reports.figures.comparison import colour_bar
-from reports.figures.panels import canvas, on_white, photo, save, show, windows
+from reports.figures.panels import canvas, on_white, panel_windows, photo, save, show
 from reports.figures.shading import ErrorScale, heat, shaded
 from reports.tables.regions import LEAST_SHARE, RegionNumbers, regions_of
 
@@ -148,14 +148,14 @@ def failure_grid(rows: Sequence[FailureRow], path: Path, scale: ErrorScale) -> N
         raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
     casters = [Raycaster(row.truth) for row in rows]
     views = [_telling_view(row, caster) for row, caster in zip(rows, casters, strict=True)]
-    frames = windows(
+    frames = panel_windows(
         [
             (_together(row), row.capture.cameras[view])
             for row, view in zip(rows, views, strict=True)
         ],
         _PANEL_INCH,
     )
-    figure, axes = canvas((len(rows), 2 + len(titles[0])), frames[0], _PANEL_INCH)
+    figure, axes = canvas((len(rows), 2 + len(titles[0])), frames[0].window, _PANEL_INCH)
     for axis, title in zip(axes[0], ["Photo", "Ground truth", *titles[0]], strict=True):
         axis.set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9)
     for row, caster, view, frame, line in zip(rows, casters, views, frames, axes, strict=True):

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, NormalMaps
-from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 from harness.geometry.images import normal_colours
-from harness.geometry.sides import Side
+from harness.geometry.raycast import Side
+from harness.geometry.window import Window
 from reports.figures.comparison import colour_bar
-from reports.figures.panels import Window, canvas, photo, save, show
+from reports.figures.panels import canvas, photo, save, show
 from reports.figures.shading import ErrorScale
 
 __all__ = ["NormalPanels", "NormalRow", "normal_grid"]
@@ -106,8 +106,8 @@ def _draw(capture: Capture, panels: NormalPanels, share: tuple[float, float], ax
         _errors(panels.errors_deg),
     ]
     if panels.title:
-        window = _window(capture.cameras[maps.view], maps.camera)
-        pictures.insert(0, window.of_image(photo(capture, maps.view)))
+        window = Window.of_crop(capture.cameras[maps.view], maps.camera)
+        pictures.insert(0, window.cut(photo(capture, maps.view), 1.0))
     used = [next(axes) for _ in pictures]
     for axis, picture in zip(used, pictures, strict=True):
         show(axis, _centre(picture, share))
@@ -119,14 +119,6 @@ def _errors(errors_deg: Floats) -> Floats:
     """(H, W, 3) colours of the errors, white where there are none."""
     known = np.isfinite(errors_deg)
     return np.where(known[..., None], _SCALE.rgb(np.where(known, errors_deg, 0.0)), 1.0)
-
-
-def _window(whole: Camera, crop: Camera) -> Window:
-    """The rectangle of a view's picture that a crop of its camera shows."""
-    scale = whole.K[0, 0] / crop.K[0, 0]
-    left, top = whole.K[:2, 2] - scale * crop.K[:2, 2]
-    size = (round(scale * crop.width), round(scale * crop.height))
-    return Window(round(left), round(top), *size)
 
 
 def _shown_share(masks: Sequence[NDArray[np.bool_]]) -> tuple[float, float]:

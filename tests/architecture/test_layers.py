@@ -22,7 +22,7 @@ FLOORS, CLOSED, EMPTY, LIGHT, BLENDER = CONTRACTS
 #: A contract, the file that breaks it, and the line that does.
 PLANTS = [
     (FLOORS, "harness/core/units.py", "import harness.geometry"),
-    (FLOORS, "harness/geometry/screen.py", "import metrics"),
+    (FLOORS, "harness/geometry/window.py", "import metrics"),
     (FLOORS, "methods/gt.py", "import harness.data"),
     (FLOORS, "methods/gt.py", "import metrics"),
     (FLOORS, "reports/formats/programs.py", "import renderers"),

@@ -15,7 +15,7 @@ from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.pipeline.run.plan import resolve_method
 from methods.catalog import METHODS
@@ -73,7 +73,7 @@ def moved_and_turned() -> np.ndarray:
 
 
 def context(folder, truth: Mesh) -> Context:
-    caster = SidedRaycaster(truth)
+    caster = Raycaster(truth)
     return Context(
         seed=0,
         workdir=folder,

@@ -13,7 +13,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.run.store import RunStore
 
 if TYPE_CHECKING:
-    from harness.geometry.sides import Side, SidedRaycaster
+    from harness.geometry.raycast import Raycaster, Side
     from reports.figures.normal_grid import NormalPanels, NormalRow
 
 __all__ = ["normals"]
@@ -53,13 +53,13 @@ def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[
 
 
 def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
-    from harness.geometry.sides import SidedRaycaster
+    from harness.geometry.raycast import Raycaster
     from harness.pipeline.run.normal_files import load_normals
     from reports.figures.normal_grid import NormalRow
 
     views = load_normals(store.result(record, "normals.npz"))
     _, truth = source.load(record.subject)
-    caster = SidedRaycaster(truth.geometry())
+    caster = Raycaster(truth.geometry())
     shown: list[tuple[NormalMaps, Side]] = [(maps, "near") for maps in views]
     if len(views) == 1:
         shown.append((views[0], "far"))
@@ -69,7 +69,7 @@ def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     )
 
 
-def _panels(record: Record, maps: NormalMaps, side: Side, scan: SidedRaycaster) -> NormalPanels:
+def _panels(record: Record, maps: NormalMaps, side: Side, scan: Raycaster) -> NormalPanels:
     from harness.pipeline.scoring.normals import true_normals
     from metrics.normal_maps import angular_error_map
     from reports.figures.normal_grid import NormalPanels

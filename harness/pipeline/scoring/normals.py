@@ -16,7 +16,7 @@ from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import NormalMaps, Scan
 from harness.core.cameras.rigs import camera_yaw_deg
 from harness.core.mesh import Mesh
-from harness.geometry.sides import Side, SidedRaycaster
+from harness.geometry.raycast import Raycaster, Side
 from harness.pipeline.scoring.meshes import labelled_faces
 from metrics.normal_maps import angular_error_map, angular_errors
 
@@ -42,7 +42,7 @@ class TrueNormals:
     compared: Mask
 
 
-def true_normals(scan: SidedRaycaster, maps: NormalMaps, side: Side) -> TrueNormals:
+def true_normals(scan: Raycaster, maps: NormalMaps, side: Side) -> TrueNormals:
     """One side of the scan, world metres, in the camera of a view's maps."""
     hits = scan.cast(maps.camera, side)
     normals = scan.normals_at(hits, maps.camera)
@@ -70,7 +70,7 @@ def normal_details(maps: Sequence[NormalMaps], scan: Scan, truth: Mesh) -> dict[
         return {}
     regions = labelled_faces(scan, truth)
     worn = None if regions is None else regions.worn
-    caster = SidedRaycaster(truth.geometry())
+    caster = Raycaster(truth.geometry())
     entries = [
         {"view": each.view, "yaw_deg": _yaw_deg(each, scan), **_entry(each, side, caster, worn)}
         for each in maps
@@ -84,9 +84,7 @@ def _yaw_deg(maps: NormalMaps, scan: Scan) -> float:
     return float(round(camera_yaw_deg(maps.camera) - scan.front_yaw_deg) % 360)
 
 
-def _entry(
-    maps: NormalMaps, side: Side, caster: SidedRaycaster, worn: Mask | None
-) -> dict[str, object]:
+def _entry(maps: NormalMaps, side: Side, caster: Raycaster, worn: Mask | None) -> dict[str, object]:
     true = true_normals(caster, maps, side)
     pairs = {
         "near": {"estimate": maps.front, "body": maps.body_front},

@@ -14,7 +14,7 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.images import srgb_from_linear
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window
 
 __all__ = ["Lamp", "Light", "developed", "drawn_camera", "drawn_light"]
 
@@ -85,9 +85,9 @@ def drawn_camera(vertices: Floats, size: tuple[int, int, int], draw: np.random.G
 def _cropped(
     whole: Camera, vertices: Floats, size: tuple[int, int, int], draw: np.random.Generator
 ) -> Camera:
-    box = screen_rectangle(vertices, whole, margin=0)
+    box = Window.around_points(vertices, whole, margin=0)
     side_px, width, height = size
-    side = int(max(box.width, box.height) / draw.uniform(*_FILLED))
+    side = int(box.longer_side / draw.uniform(*_FILLED))
     shift = draw.uniform(-0.02, 0.02, 2) * side
     left, top = (
         round(low + (extent - side * share) / 2 + off)
@@ -96,8 +96,8 @@ def _cropped(
             (box.top, box.height, height / side_px, shift[1]),
         )
     )
-    window = (round(side * width / side_px), round(side * height / side_px))
-    return whole.cropped(left, top, *window).resized(width, height)
+    window = Window(left, top, round(side * width / side_px), round(side * height / side_px))
+    return window.camera(whole, (width, height))
 
 
 def drawn_light(camera: Camera, draw: np.random.Generator) -> Light:

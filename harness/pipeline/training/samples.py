@@ -22,7 +22,6 @@ from harness.core.process.workers import Progress
 from harness.geometry.images import load_rgb, packed_normals
 from harness.geometry.occlusion import lit_share, vertex_openness
 from harness.geometry.raycast import Hits, Raycaster
-from harness.geometry.sides import SidedRaycaster
 from harness.geometry.texture import linear_texture, texture_at
 from harness.pipeline.inputs.true_parameters import true_parameters
 from harness.pipeline.training.light import Light, developed, drawn_camera, drawn_light
@@ -104,7 +103,6 @@ class _Studio:
         self._openness = vertex_openness(
             self._caster, _OPENNESS_RAYS, derive_seed(seed, "openness", scan.subject)
         )[:, None]
-        self._sides = SidedRaycaster(mesh.geometry())
         self._body = AnnyBody()
         self._truth = true_parameters(scan)
         self._turn, self._shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
@@ -116,12 +114,12 @@ class _Studio:
         rgb, mask = self._photo(camera, drawn_light(camera, draw), draw)
         fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
         skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
-        body = SidedRaycaster(skin)
+        body = Raycaster(skin)
         return {
             "rgb": np.round(255 * rgb).astype(np.uint8),
             "mask": mask,
-            "front": packed_normals(self._sides.normals(camera, "near")),
-            "back": packed_normals(self._sides.normals(camera, "far")),
+            "front": packed_normals(self._caster.normals(camera, "near")),
+            "back": packed_normals(self._caster.normals(camera, "far")),
             "body_front": packed_normals(body.normals(camera, "near")),
             "body_back": packed_normals(body.normals(camera, "far")),
         }

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.core.arrays import Ints, Ints32
+from harness.core.arrays import Ints
 from harness.core.errors import DataError
 from harness.geometry.topology import components, edges_of
 
@@ -22,11 +22,11 @@ def neighbours(faces: Ints) -> Ints:
     return both[edges.of_side] - np.arange(len(faces))[:, None]
 
 
-def connected(label: Ints, across: Ints) -> Ints32:
+def connected(label: Ints, across: Ints) -> Ints:
     """The connected set (F,) of equally labelled faces that each face belongs to."""
     face = np.repeat(np.arange(len(label)), 3)
     same = label[face] == label[across.ravel()]
-    return components(len(label), face[same], across.ravel()[same])
+    return components(len(label), face[same], across.ravel()[same]).astype(np.int64)
 
 
 def without_islands(

@@ -68,7 +68,7 @@ def context(tmp_path, figure):
         workdir=tmp_path,
         stage=lambda _: contextlib.nullcontext(),
         privileged={
-            "oracle_normals": lambda camera: caster.normals(camera, "camera"),
+            "oracle_normals": caster.normals,
             "subject_centre": figure[0].bounds.mean(axis=0),
         },
     )
@@ -175,7 +175,7 @@ def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
     normals_of = EstimatedNormals(capture, views, mesh.faces, NormalChoice("body"))
     caster = Raycaster(mesh)
     for view, normals in zip(views.views, normals_of(mesh.vertices), strict=True):
-        truth = caster.normals(view.camera, "camera")
+        truth = caster.normals(view.camera)
         both = truth.any(axis=2) & normals.any(axis=2)
         assert both.sum() > 0.97 * truth.any(axis=2).sum()
         cosine = (truth * normals).sum(axis=2)[both]

@@ -17,7 +17,6 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
-from harness.geometry.sides import SidedRaycaster
 from harness.geometry.topology import open_edges
 from methods import clothed
 from methods.body_fit import BodyFit, FittedBody
@@ -91,7 +90,7 @@ def small(monkeypatch):
 
 
 def context(folder: Path, *, keep: bool = True) -> Context:
-    truth = SidedRaycaster(figure())
+    truth = Raycaster(figure())
     return Context(
         seed=0,
         workdir=folder,
@@ -121,7 +120,7 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
     # The maps that others measure are the estimator's, in the view's own camera.
     assert [maps.view for maps in result.normals] == list(method._plan.views)
     for maps in result.normals:
-        true = SidedRaycaster(figure()).normals(maps.camera, "far")
+        true = Raycaster(figure()).normals(maps.camera, "far")
         seen = maps.mask & true.any(axis=2)
         np.testing.assert_allclose(maps.back[seen], true[seen], atol=1e-9)
         assert (np.linalg.norm(maps.body_back[maps.mask], axis=1) > 0.999).all()

@@ -10,7 +10,7 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.data.avatars.skin.bake import _REGIONS
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 from harness.pipeline.run.normal_files import load_normals, save_normals
 from harness.pipeline.scoring.normals import normal_details
 from metrics.regions import BODY_REGIONS
@@ -42,7 +42,7 @@ def turned(normals, angle_deg):
 def maps(view, body_turn_deg=0.0) -> NormalMaps:
     """True maps of the sphere; the body's are turned."""
     camera = CAMERAS[view].cropped(20, 50, 60, 60)
-    caster = SidedRaycaster(SPHERE)
+    caster = Raycaster(SPHERE)
     near, far = (caster.normals(camera, side) for side in ("near", "far"))
     body = [turned(side, body_turn_deg) for side in (near, far)]
     return NormalMaps(view, camera, near.any(axis=2), near, far, *body)

@@ -12,7 +12,7 @@ from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.data.manifest import load_manifest
 from harness.geometry.raycast import Raycaster
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
@@ -161,7 +161,7 @@ def test_cameras_look_at_the_subject_as_methods_crop_it():
     for _ in range(60):
         camera = drawn_camera(box, (512, 320, 480), draw)
         assert camera.size == (320, 480)
-        seen = screen_rectangle(box, camera.cropped(-300, -300, 920, 1080), margin=0)
+        seen = Window.around_points(box, camera.cropped(-300, -300, 920, 1080), margin=0)
         assert 0.80 * 512 < seen.height < 0.97 * 512
         centre = (seen.left - 300 + seen.width / 2, seen.top - 300 + seen.height / 2)
         np.testing.assert_allclose(centre, (160, 240), atol=16)
