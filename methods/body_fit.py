@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.core.artifacts import Body, Capture, Reconstruction
+from harness.core.artifacts import Body, BodyLandmarks, Capture, Reconstruction
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo, Part
@@ -290,13 +290,10 @@ def _exported(body: ParametricBody, parameters: dict[str, Any]) -> Body:
         vertices=posed.vertices[0].double().numpy(),
         joints=posed.joints[0].double().numpy(),
         faces=body.faces,
-        parameters={
-            **body.export(parameters),
-            "joint_names": np.array(body.joint_names),
-            "main_joints": np.array([body.roles[role] for role in MAIN_JOINTS]),
-            "landmark_index": body.landmarks.landmarks,
-            "landmark_points": points[0].double().numpy(),
-        },
+        parameters=body.export(parameters),
+        joint_names=body.joint_names,
+        main_joints=np.array([body.roles[role] for role in MAIN_JOINTS]),
+        landmarks=BodyLandmarks(body.landmarks.landmarks, points[0].double().numpy()),
     )
 
 
