@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Mask
 from harness.core.artifacts import Capture, NormalMaps, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_path
@@ -22,8 +22,9 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
 from harness.geometry.images import load_mask, save_png
 from harness.geometry.sides import SidedRaycaster
-from methods.body_fit import BodyFit, FittedBody, body_model
-from methods.fit_settings import FitSettings
+from methods.body.result import BodyFitResult
+from methods.body.settings import FitSettings
+from methods.body_fit import BodyFit
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
 from methods.published import Published
@@ -194,14 +195,14 @@ class ClothedMethod:
             MethodError: no person found, no sheet, or a surface that does not close.
             MissingPart: the body model, MediaPipe, or a network is not installed.
         """
-        fitted = self._fit.fitted(capture, context)
-        skin = fitted.skin
+        fit = self._fit.fit(capture, context)
+        skin = fit.skin
         with context.stage("normals"):
             maps = self._maps(capture, skin, context)
         shape = skin
         if self.settings.clothes == "silhouettes":
             with context.stage("clothes"):
-                outlines = [_outline(capture, view) for view in fitted.views_used]
+                outlines = [_outline(capture, view) for view in fit.views_used]
                 shape = clothed_body(skin, outlines)
                 caster = SidedRaycaster(shape)
                 maps = [each.held_to(caster) for each in maps]
@@ -209,7 +210,7 @@ class ClothedMethod:
             depths = [integrated(each, self.settings.integration) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
-            parts = self._parts(sheets, fitted, shape)
+            parts = self._parts(sheets, fit, shape)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
         if context.keep:
@@ -222,9 +223,9 @@ class ClothedMethod:
         }
         return Reconstruction(
             mesh=mesh,
-            body=fitted.body,
+            body=fit.body,
             normals=tuple(map(_handed_out, maps)),
-            details={**fitted.details, **details},
+            details={**fit.details(), **details},
         )
 
     def _maps(self, capture: Capture, skin: Mesh, context: Context) -> list[ViewMaps]:
@@ -236,11 +237,10 @@ class ClothedMethod:
             maps.append(view_maps(view, caster, estimator))
         return maps
 
-    def _parts(self, sheets: list[Mesh], fitted: FittedBody, shape: Mesh) -> list[Mesh]:
+    def _parts(self, sheets: list[Mesh], fit: BodyFitResult, shape: Mesh) -> list[Mesh]:
         """Sheets, completion and hands: what is fused."""
-        regions, skin = _regions(self._fit.settings), fitted.skin
-        omitted = np.logical_or.reduce(list(regions.values()))
-        replaced = self._replaced_hands(regions, fitted)
+        skin, omitted = fit.skin, np.logical_or.reduce(list(fit.regions.values()))
+        replaced = self._replaced_hands(fit)
         hands = [body_hands(skin, replaced)] if replaced.any() else []
         if hands:
             sheets = without_hands(sheets, skin, replaced)
@@ -248,16 +248,14 @@ class ClothedMethod:
         completion = BodyCompletion(self.settings.completion)(seen, shape, omitted)
         return [*sheets, *([] if completion is None else [completion]), *hands]
 
-    def _replaced_hands(
-        self, regions: Mapping[str, NDArray[np.bool_]], fitted: FittedBody
-    ) -> NDArray[np.bool_]:
+    def _replaced_hands(self, fit: BodyFitResult) -> Mask:
         """(V,) the hands of the body that stand in for those of the sheets."""
-        left, right = regions["left_hand"], regions["right_hand"]
+        left, right = fit.regions["left_hand"], fit.regions["right_hand"]
         if self.settings.hands == "body":
             return left | right
         if self.settings.hands == "sheets":
             return np.zeros_like(left)
-        return left & fitted.hands_found[0] | right & fitted.hands_found[1]
+        return left & fit.hands_found[0] | right & fit.hands_found[1]
 
 
 def _outline(capture: Capture, view: int) -> Outline:
@@ -277,11 +275,6 @@ def _handed_out(maps: ViewMaps) -> NormalMaps:
         body_front=filled_normals(maps.body_front, mask),
         body_back=filled_normals(maps.body_back, mask),
     )
-
-
-def _regions(settings: FitSettings) -> Mapping[str, NDArray[np.bool_]]:
-    """The masks of ``ParametricBody.regions`` (V,) of the fitted body's model."""
-    return body_model(settings).regions
 
 
 def _keep(context: Context, stages: Stages) -> None:

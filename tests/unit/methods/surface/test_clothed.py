@@ -18,8 +18,8 @@ from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.sides import SidedRaycaster
-from methods import clothed
-from methods.body_fit import BodyFit, FittedBody
+from methods.body.result import BodyFitResult
+from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod
 from methods.econ import econ
 from methods.fit_settings import JMBO
@@ -63,23 +63,21 @@ class KnownBody(BodyFit):
     def __init__(self) -> None:
         super().__init__("known", "Known body", tuple(range(8)), JMBO)
 
-    def fitted(self, _: Capture, __: Context) -> FittedBody:
-        mesh = figure(-CLOTH_M)
+    def fit(self, _: Capture, __: Context) -> BodyFitResult:
+        mesh, vertices = figure(-CLOTH_M), figure().vertices
         body = Body("egg", mesh.vertices, np.zeros((1, 3)), mesh.faces, {})
-        return FittedBody(body, tuple(range(8)), (True, False), {})
+        regions = {
+            "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
+            "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
+            "face": np.zeros(len(vertices), bool),
+            "eyeballs": np.zeros(len(vertices), bool),
+        }
+        return BodyFitResult(body, tuple(range(8)), (True, False), regions)
 
 
 @pytest.fixture
-def small(monkeypatch):
+def small():
     """``small(method, normals)``: the method with the known body, in the small."""
-    vertices = figure().vertices
-    regions = {
-        "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
-        "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
-        "face": np.zeros(len(vertices), bool),
-        "eyeballs": np.zeros(len(vertices), bool),
-    }
-    monkeypatch.setattr(clothed, "_regions", lambda _: regions)
 
     def build(method: ClothedMethod, normals: str) -> ClothedMethod:
         own = {"normals": normals, "resolution": "160", "poisson_depth": "7"}
