@@ -7,6 +7,7 @@ differ in which views the body is fitted to and which sheets are made of which v
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
@@ -31,8 +32,9 @@ from methods.published import Published
 from methods.stages import Stages, contact_sheet
 from methods.surface.clothed_body import Outline, clothed_body
 from methods.surface.completion import BodyCompletion, CompletionParameters
+from methods.surface.device_solver import require_device
 from methods.surface.front_back import (
-    BodyPrior,
+    BodyDepth,
     FrontBackDepth,
     FrontBackParameters,
     integrate_front_back,
@@ -58,6 +60,8 @@ class ClothedSettings:
         thickness_m: By how much the body is inflated towards and away from the viewer, metres.
         clothes: What is inflated: ``uniform``, the body itself, or ``silhouettes``, the body moved
             out to the silhouettes of all views; one or two do not show the sides.
+        device: What solves the integration's linear systems: ``cpu``, or a GPU such as ``cuda`` or
+            ``cuda:1``, which sums in another order.
         covered_m: The body is dropped within this distance of the sheets, metres.
         hands: ``detected`` puts in the body's hands that the detector found in the first photo, as
             ECON does, ``body`` both; ``sheets`` leaves what is seen.
@@ -73,6 +77,7 @@ class ClothedSettings:
     boundary_weight: float = 1e-6
     thickness_m: float = 0.02
     clothes: str = "uniform"
+    device: str = "cpu"
     covered_m: float = 0.02
     hands: str = "sheets"
     poisson_depth: int = 10
@@ -81,6 +86,10 @@ class ClothedSettings:
     def __post_init__(self) -> None:
         check_choice("hands", self.hands, ("detected", "body", "sheets"))
         check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
+        if not re.fullmatch(r"cpu|cuda(:\d+)?", self.device):
+            raise HarnessError(
+                f"setting 'device' cannot be '{self.device}'", expected="cpu, cuda or cuda:1"
+            )
         if not 64 <= self.resolution <= 4096:
             raise HarnessError(
                 f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
@@ -127,11 +136,13 @@ class SheetPlan:
     sheets: Callable[[Sequence[tuple[ViewMaps, FrontBackDepth]]], list[Mesh]]
 
 
-def integrated(maps: ViewMaps, parameters: FrontBackParameters) -> FrontBackDepth:
+def integrated(
+    maps: ViewMaps, parameters: FrontBackParameters, device: str = "cpu"
+) -> FrontBackDepth:
     """Both sheets' depth of one view, under its full perspective, metres."""
-    prior, view = BodyPrior(maps.body_near_m, maps.body_far_m), maps.view
+    prior, view = BodyDepth(maps.body_near_m, maps.body_far_m), maps.view
     normals = maps.front, maps.back
-    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters)
+    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters, device)
 
 
 class ClothedMethod:
@@ -160,12 +171,15 @@ class ClothedMethod:
     def info(self) -> MethodInfo:
         """What the method says of itself.
 
-        Made when it is asked for, so that the method can be configured to do without a network that
-        is not there.
+        Made when it is asked for: a method whose network is not installed can still be configured
+        to run without it.
 
         Raises:
-            MissingPart, DataError: as ``NormalChoice.part``.
+            MissingPart: a network or the device of the integration is not there.
+            DataError: as ``NormalChoice.part``.
         """
+        if self.settings.device != "cpu":
+            require_device(self.settings.device)
         choice, fit = self.settings.normal_choice, self._fit.info
         surface = {**asdict(self.settings), "normals_model": bool(self.settings.normals_model)}
         parameters = {"body": self._fit.settings.in_use(len(self._fit.views)), "surface": surface}
@@ -207,7 +221,8 @@ class ClothedMethod:
                 caster = SidedRaycaster(shape)
                 maps = [each.held_to(caster) for each in maps]
         with context.stage("integration"):
-            depths = [integrated(each, self.settings.integration) for each in maps]
+            rules, device = self.settings.integration, self.settings.device
+            depths = [integrated(each, rules, device) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
             parts = self._parts(sheets, fit, shape)

@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.artifacts import Body, Capture, image_name
 from harness.core.cameras.rigs import RingRig
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
@@ -191,9 +191,19 @@ def test_settings_reach_the_fit_or_the_surface():
         ({"surface.resolution": "1"}, "64 to 4096"),
         ({"surface.prior_weight": "-1"}, "positive k, prior_weight"),
         ({"body.depth": "guess"}, "height-prior or subject-centre"),
+        ({"surface.device": "tpu"}, "cpu, cuda or cuda:1"),
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
+
+
+def test_a_gpu_that_is_not_there_is_said_before_anything_runs():
+    import torch
+
+    index = torch.cuda.device_count()
+    with pytest.raises(MissingPart, match=f"'cuda:{index}'.*--set surface.device=cpu"):
+        _ = econ.configured({"surface.device": f"cuda:{index}"}).info
+    assert econ.info.parameters["surface"]["device"] == "cpu"
 
 
 @pytest.mark.slow
