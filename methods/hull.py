@@ -10,7 +10,7 @@ Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import overridden
+from harness.core.settings import by_room, overridden
 from harness.geometry.outline import Outline
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
@@ -29,6 +29,8 @@ from harness.geometry.topology import pieces_of
 __all__ = ["HullSettings", "VisualHull", "hull8"]
 
 
+#: What the settings are filed under, as in ``--set hull.voxel_m=0.002``.
+_ROOM = "hull"
 #: Views all round see a subject nearly as wide as it is; a few may look along it.
 _WIDEST = 1.5
 
@@ -59,9 +61,10 @@ class VisualHull:
         self.settings = settings
 
     def configured(self, parameters: Mapping[str, str]) -> VisualHull:
-        """The method with other settings, given as text by field name."""
-        settings = overridden(self.settings, parameters)
-        return VisualHull(replace(self.info, parameters=asdict(settings)), settings)
+        """The method with other settings, given as text by ``hull.setting``."""
+        own = by_room(parameters, {_ROOM: [field.name for field in fields(HullSettings)]})
+        settings = overridden(self.settings, own[_ROOM])
+        return VisualHull(replace(self.info, parameters={_ROOM: asdict(settings)}), settings)
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The hull of the masks of the method's views, in world metres.
@@ -162,7 +165,7 @@ hull8 = VisualHull(
         title="Visual hull, 8 views",
         views=tuple(range(8)),
         privileges=(Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS),
-        parameters=asdict(HullSettings()),
+        parameters={_ROOM: asdict(HullSettings())},
     ),
     HullSettings(),
 )

@@ -78,7 +78,7 @@ def parsed_settings(texts: list[str] | None) -> dict[str, str]:
         name, separator, value = text.partition("=")
         if not separator:
             raise HarnessError(
-                f"--set {text}", expected="NAME=VALUE", hint="Like --set voxel_m=0.005"
+                f"--set {text}", expected="NAME=VALUE", hint="Like --set hull.voxel_m=0.005"
             )
         pairs[name.strip()] = value.strip()
     return pairs

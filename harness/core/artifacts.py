@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Ints
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import views_from_front
 from harness.core.errors import DataError, MethodError
@@ -28,6 +28,7 @@ __all__ = [
     "CAPTURE_SCHEMA",
     "OFF_MODEL",
     "Body",
+    "BodyLandmarks",
     "Capture",
     "NormalMaps",
     "Reconstruction",
@@ -233,7 +234,20 @@ class StageCost:
     peak_gpu_mib: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyLandmarks:
+    """Where the landmarks that a detector marks in photos are on a body.
+
+    Attributes:
+        indices: (K,) the detector's numbers of the landmarks that the body model has.
+        points: (K, 3) their places, world metres.
+    """
+
+    indices: Ints
+    points: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Body:
     """A fitted parametric body in the world frame.
 
@@ -242,14 +256,37 @@ class Body:
         vertices: (V, 3) metres.
         joints: (J, 3) metres.
         faces: (F, 3) vertex indices.
-        parameters: The model's own parameters, as arrays.
+        parameters: The model's own parameters, as arrays that its own software takes.
+        joint_names: J names; empty where the model names none.
+        main_joints: (M,) indices of the joints that errors are measured at.
+        landmarks: The detector's landmarks on this body, where the model knows them.
     """
 
     model: str
     vertices: Floats
     joints: Floats
     faces: NDArray[np.int32]
-    parameters: Mapping[str, NDArray[Any]]
+    parameters: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
+    joint_names: tuple[str, ...] = ()
+    main_joints: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    landmarks: BodyLandmarks | None = None
+
+    def to_arrays(self) -> dict[str, Any]:
+        """The content of ``body.npz``: the model's parameters are ``parameter_`` and their name."""
+        arrays: dict[str, Any] = {
+            "model": np.array(self.model),
+            "vertices": self.vertices,
+            "joints": self.joints,
+            "faces": self.faces,
+            **{f"parameter_{name}": value for name, value in self.parameters.items()},
+        }
+        if self.joint_names:
+            arrays["parameter_joint_names"] = np.array(self.joint_names)
+            arrays["parameter_main_joints"] = self.main_joints
+        if self.landmarks is not None:
+            arrays["parameter_landmark_index"] = self.landmarks.indices
+            arrays["parameter_landmark_points"] = self.landmarks.points
+        return arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The plug-in protocols: Method, Metric, BodyModel, NormalEstimator."""
+"""The plug-in protocols: Method, Configurable and NormalEstimator."""
 
 from __future__ import annotations
 
@@ -8,16 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 
 __all__ = [
-    "BodyModel",
+    "Configurable",
     "Context",
     "Deviation",
     "Method",
@@ -90,7 +86,8 @@ class MethodInfo:
             back), or None for all views.
         parts: Ingredients with their licences.
         privileges: What it is given beyond pixels.
-        parameters: Every setting that influences the output, nested by room such as ``body``.
+        parameters: Every setting that influences the output, by the name of the room that it
+            belongs to, such as ``body``, and by its own.
         deviations: Differences from the publication whose name the method carries; empty for a
             method that claims no publication.
     """
@@ -100,7 +97,9 @@ class MethodInfo:
     views: tuple[int, ...] | None = None
     parts: tuple[Part, ...] = ()
     privileges: tuple[Privilege, ...] = ()
-    parameters: Mapping[str, object] = field(default_factory=dict[str, object])
+    parameters: Mapping[str, Mapping[str, object]] = field(
+        default_factory=dict[str, Mapping[str, object]]
+    )
     deviations: tuple[Deviation, ...] = ()
 
     def identity(self) -> dict[str, object]:
@@ -110,7 +109,7 @@ class MethodInfo:
             "views": None if self.views is None else list(self.views),
             "parts": [part.to_dict() for part in self.parts],
             "privileges": [privilege.value for privilege in self.privileges],
-            "parameters": dict(self.parameters),
+            "parameters": {room: dict(own) for room, own in self.parameters.items()},
         }
 
     def to_dict(self) -> dict[str, object]:
@@ -157,22 +156,16 @@ class Method(Protocol):
         ...
 
 
-class Metric(Protocol):
-    """Compares two meshes in the world frame, in metres, under a protocol."""
+@runtime_checkable
+class Configurable(Method, Protocol):
+    """A method with settings; one without any need not have this."""
 
-    def __call__(self, predicted: Mesh, truth: Mesh, protocol: Any) -> Any:
-        """The metric's value with its unit and per-point errors."""
-        ...
+    def configured(self, parameters: Mapping[str, str]) -> Method:
+        """The method with other settings, given as text by ``room.setting``.
 
-
-class BodyModel(Protocol):
-    """A differentiable parametric body."""
-
-    name: str
-    faces: NDArray[np.int32]
-
-    def __call__(self, parameters: Mapping[str, Any]) -> tuple[Any, Any]:
-        """Vertices (B, V, 3) and joints (B, J, 3), metres, as tensors."""
+        Raises:
+            HarnessError: a name that is no setting, or a text that a setting cannot be.
+        """
         ...
 
 

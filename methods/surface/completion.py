@@ -10,7 +10,7 @@ sheet, where nothing is seen, the body stands off by as much as the clothes do o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -22,26 +22,11 @@ from harness.geometry.topology import edges_of
 
 __all__ = [
     "BodyCompletion",
-    "Completion",
     "CompletionParameters",
     "smooth_offsets",
     "stiffness",
     "without_vertices",
 ]
-
-
-class Completion(Protocol):
-    """Adds the surface that the sheets lack; the body's way is here, IF-Nets+ would be another."""
-
-    def __call__(self, sheets: Mesh, body: Mesh, omitted: Mask) -> Mesh | None:
-        """Surface in the sheets' gaps, world metres, or None where they have none.
-
-        Args:
-            sheets: All sheets in one mesh.
-            body: The fitted body.
-            omitted: (V,) vertices of the body that must not stand in: face, hands, eyeballs.
-        """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +62,12 @@ class BodyCompletion:
         self.parameters = parameters or CompletionParameters()
 
     def __call__(self, sheets: Mesh, body: Mesh, omitted: Mask) -> Mesh | None:
-        """See ``Completion``.
+        """Surface in the sheets' gaps, world metres, or None where they have none.
+
+        Args:
+            sheets: All sheets in one mesh.
+            body: The fitted body.
+            omitted: (V,) vertices of the body that must not stand in: face, hands, eyeballs.
 
         Raises:
             MethodError: every face of the body is omitted.

@@ -14,11 +14,29 @@ from harness.core.errors import MissingPart
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["conjugate_gradients_on"]
+__all__ = ["conjugate_gradients_on", "require_device"]
 
 
 # Reading the residual back stalls the device; a few steps too many cost less.
 _STEPS_BETWEEN_READINGS = 8
+
+
+def require_device(device: str) -> None:
+    """Refuse a device that torch cannot compute on here.
+
+    Raises:
+        MissingPart: this machine has no such device.
+    """
+    import torch
+
+    name, _, index = device.partition(":")
+    if name == "cuda" and int(index or 0) >= torch.cuda.device_count():
+        raise MissingPart(
+            "normals cannot be integrated on the GPU",
+            expected=f"a device '{device}' that torch can use",
+            got=f"{torch.cuda.device_count()} GPUs",
+            hint="Choose the device 'cpu': --set surface.device=cpu",
+        )
 
 
 def conjugate_gradients_on(
@@ -38,13 +56,7 @@ def conjugate_gradients_on(
     """
     import torch
 
-    if device.startswith("cuda") and not torch.cuda.is_available():
-        raise MissingPart(
-            "normals cannot be integrated on the GPU",
-            expected=f"a device '{device}' that torch can use",
-            got="none",
-            hint="Choose the device 'cpu'",
-        )
+    require_device(device)
     limit, max_steps = stop
     left, right = (_on_device(operator, device) for operator in operators)
     remaining = torch.from_numpy(residual.copy()).to(device)

@@ -24,7 +24,7 @@ SMALL = {
     "body.iterations": "2",
     "surface.resolution": "128",
     "surface.poisson_depth": "8",
-    "voxel_m": "0.01",
+    "hull.voxel_m": "0.01",
 }
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0

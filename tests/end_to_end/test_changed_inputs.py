@@ -37,7 +37,7 @@ class Told(Silent):
 def request(world: Path, method: str = "hull8", **more: object) -> plan.EvalRequest:
     manifest = load_manifest(world / "data_manifest.yaml")
     place = Workspace(world)
-    settings = {"voxel_m": "0.02"} if method == "hull8" else {}
+    settings = {"hull.voxel_m": "0.02"} if method == "hull8" else {}
     return plan.EvalRequest(
         source=Source.select(manifest, place, "toy", ("t1",), "tiny"),
         methods=(method,),
@@ -297,7 +297,7 @@ def test_folder_scores_know_their_truth(world, harness, eval_toy):
 
 
 def test_figures_refuse_a_mesh_that_is_not_the_records(world, eval_toy, harness):
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.02").returncode == 0
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02").returncode == 0
     with (world / "runs/main/hull8/t1/mesh.ply").open("ab") as stream:
         stream.write(b" ")
     drawn = harness("report", "--figure", "overlay", "--subjects", "t1", "-o", "figure.png")

@@ -93,14 +93,14 @@ def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harne
 
 
 def test_settings_are_part_of_the_key(world, eval_toy):
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.02").returncode == 0
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02").returncode == 0
     coarse = records(world)["hull8/t1"]
-    assert coarse["method"]["parameters"]["voxel_m"] == 0.02
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.03").returncode == 0
+    assert coarse["method"]["parameters"]["hull"]["voxel_m"] == 0.02
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.03").returncode == 0
     assert records(world)["hull8/t1"]["key"] != coarse["key"]
-    wrong = eval_toy("hull8", "--set", "voxel=1")
+    wrong = eval_toy("hull8", "--set", "hull.voxel=1")
     assert wrong.returncode == 2
-    assert "Did you mean 'voxel_m'?" in wrong.stderr
+    assert "Did you mean 'hull.voxel_m'?" in wrong.stderr
 
 
 def test_meshes_made_elsewhere(world, harness, eval_toy):
@@ -138,7 +138,7 @@ def test_check_finds_what_moved(world, harness, eval_toy):
     assert harness("check", "baseline.json", "--update").returncode == 0
     same = harness("check", "baseline.json")
     assert same.returncode == 0, same.stdout
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.03").returncode == 0
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.03").returncode == 0
     moved = harness("check", "baseline.json", "--summary", "summary.md")
     assert moved.returncode == 1
     assert "hull8" in moved.stdout

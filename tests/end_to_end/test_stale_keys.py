@@ -51,7 +51,7 @@ def plan(world: Path, source: Path) -> Callable[..., str]:
     def evaluate(*, run: bool = False) -> str:
         command = [
             sys.executable, "-m", "harness.cli.main", "eval", "--dataset", "toy", "--recipe",
-            "tiny", "--method", "hull8", "--subjects", "t1", "--set", "voxel_m=0.02",
+            "tiny", "--method", "hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02",
             *([] if run else ["--dry-run"]),
         ]  # fmt: skip
         done = subprocess.run(

@@ -22,6 +22,7 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json, write_text
 
 __all__ = [
+    "ANNY_TO_WORLD",
     "BLENDER_TO_WORLD",
     "OPENCV_TO_BLENDER_CAMERA",
     "camera_from_blender",
@@ -38,6 +39,8 @@ __all__ = [
 
 #: (4, 4) from Blender's world (Z up, front -Y) to ours (Y up, front +Z): (x, y, z) is (x, z, -y).
 BLENDER_TO_WORLD: Floats = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+#: (3, 3) from the world of the body model Anny (metres, Z up, front -Y, as Blender's) to ours.
+ANNY_TO_WORLD: Floats = BLENDER_TO_WORLD[:3, :3].copy()
 #: (4, 4) from OpenCV camera axes to Blender's and OpenGL's (x right, y up, z backward).
 OPENCV_TO_BLENDER_CAMERA: Floats = np.diag([1.0, -1.0, -1.0, 1.0])
 #: From axes x left, y up, z forward (PyTorch3D's) to OpenCV's.

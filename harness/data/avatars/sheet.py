@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +11,7 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.data.avatars.mesh.quads import Floats
-
-if TYPE_CHECKING:
-    from harness.geometry.raycast import Raycaster
+from harness.geometry.raycast import Raycaster
 
 __all__ = ["avatar_sheet"]
 
@@ -59,8 +56,6 @@ def avatar_sheet(directory: Path, name: str) -> np.ndarray:
         DataError: the folder holds no avatar.
     """
     from PIL import Image
-
-    from harness.geometry.raycast import Raycaster
 
     mesh = load_mesh(directory / f"{name}.obj", texture=True)
     middle = mesh.bounds.mean(axis=0)

@@ -32,7 +32,7 @@ from harness.pipeline.run.cost import StageMeter
 from harness.pipeline.run.environment import environment
 from harness.pipeline.run.normal_files import save_normals
 from harness.pipeline.run.plan import method_module, resolve_method
-from harness.pipeline.run.record_inputs import Inputs, evaluated
+from harness.pipeline.run.record_inputs import BODY_SCORING, NORMAL_SCORING, Inputs, evaluated
 
 __all__ = ["handle"]
 
@@ -175,8 +175,11 @@ class _Task:
 
     def _require_planned_scoring(self, result: Reconstruction) -> None:
         """Refuse what the record's key does not count the scoring code of."""
-        for name, there in (("body", result.body), ("normal", result.normals)):
-            if there and f"harness.pipeline.{name}_scoring" not in self.planned["code"]:
+        for name, scoring, there in (
+            ("body", BODY_SCORING, result.body),
+            ("normal", NORMAL_SCORING, result.normals),
+        ):
+            if there and scoring not in self.planned["code"]:
                 raise MethodError(
                     f"the method handed out what its code does not name: a {name}",
                     expected="'Body' or 'NormalMaps', imported by name from harness.core.artifacts",
@@ -195,14 +198,7 @@ class _Task:
 
 def _save_body(path: Path, body: Body) -> None:
     with atomic_path(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            model=body.model,
-            vertices=body.vertices,
-            joints=body.joints,
-            faces=body.faces,
-            **{f"parameter_{name}": value for name, value in body.parameters.items()},
-        )
+        np.savez_compressed(temporary, **body.to_arrays())
 
 
 if __name__ == "__main__":

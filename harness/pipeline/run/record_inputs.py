@@ -21,14 +21,22 @@ from harness.core.process.source_digest import SourceDigest, SourceTree
 from harness.core.protocols import MethodInfo
 from harness.core.settings import MetricProtocol
 
-__all__ = ["Inputs", "evaluated", "method_code", "scored_elsewhere"]
+__all__ = [
+    "BODY_SCORING",
+    "NORMAL_SCORING",
+    "Inputs",
+    "evaluated",
+    "method_code",
+    "scored_elsewhere",
+]
 
 _KEYS_OWN = SourceTree.__module__
 _CELL = "harness.pipeline.run.cell"
 _MESH_SCORING = "harness.pipeline.scoring.meshes"
 _MESH_READING = "harness.core.formats.mesh_files"
-_BODY_SCORING = "harness.pipeline.scoring.bodies"
-_NORMAL_SCORING = "harness.pipeline.scoring.normals"
+#: How fitted bodies and normal maps are scored.
+BODY_SCORING = "harness.pipeline.scoring.bodies"
+NORMAL_SCORING = "harness.pipeline.scoring.normals"
 _ORACLE = "harness.pipeline.run.oracle_normals"
 
 
@@ -135,9 +143,9 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
     own = tree.digest([module], [_KEYS_OWN])
     unused = [_KEYS_OWN]
     if not own.uses("Body"):
-        unused.append(_BODY_SCORING)
+        unused.append(BODY_SCORING)
     if not own.uses("NormalMaps"):
-        unused.append(_NORMAL_SCORING)
+        unused.append(NORMAL_SCORING)
     if Privilege.ORACLE_NORMALS not in privileges:
         unused.append(_ORACLE)
     return own | tree.digest([_CELL], unused)

@@ -146,21 +146,18 @@ def _small(camera: Camera, scale: float) -> tuple[int, int]:
 def _landmark_loss(
     body: Body, camera: Camera, detected: tuple[Floats, Floats], side_px: float
 ) -> float:
-    points = body.parameters.get("landmark_points")
-    if points is None:
+    if body.landmarks is None:
         return float("nan")
-    index = body.parameters["landmark_index"]
-    pixels, _ = camera.project(points)
-    found, confidence = (values[index] for values in detected)
+    pixels, _ = camera.project(body.landmarks.points)
+    found, confidence = (values[body.landmarks.indices] for values in detected)
     return measure.landmark_loss(pixels, found, confidence, side_px)
 
 
 def _against_truth(body: Body, truth: TrueBody | None) -> Mapping[str, MetricValue]:
     """Errors in mm, where truth and fit are the same model."""
-    names = body.parameters.get("joint_names")
-    if truth is None or names is None or tuple(names.tolist()) != truth.joint_names:
+    if truth is None or body.joint_names != truth.joint_names:
         return {}
-    main = body.parameters["main_joints"]
+    main = body.main_joints
     joints = measure.joint_error_mm(body.joints[main], truth.joints[main])
     vertices = measure.vertex_error_mm(body.vertices, truth.vertices)
     unit = Unit.millimetre.value

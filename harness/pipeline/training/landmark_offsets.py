@@ -164,6 +164,7 @@ def _after_fits(body: AnnyBody, people: Sequence[tuple[Capture, Posed]]) -> Iter
     """What remains between each person and the body that is fitted to the photos."""
     import torch
 
+    from methods.body.fitting import fitted_parameters
     from methods.body.photos.views import load_views
     from methods.body_fit import jmbo8_plus
 
@@ -172,9 +173,9 @@ def _after_fits(body: AnnyBody, people: Sequence[tuple[Capture, Posed]]) -> Iter
     for done, (capture, truth) in enumerate(people, start=1):
         sys.stderr.write(f"fitting {done} of {len(people)}: {capture.subject}\n")
         views = load_views(capture, range(len(capture.cameras)), jmbo8_plus.settings.subject_px)
-        parameters, _ = jmbo8_plus.fit(body, views, capture, context)
+        fit = fitted_parameters(body, views, jmbo8_plus.settings, context)
         with torch.no_grad():
-            yield remaining_mm(body.posed(parameters), truth, body)
+            yield remaining_mm(body.posed(fit.parameters), truth, body)
 
 
 if __name__ == "__main__":

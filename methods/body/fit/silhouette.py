@@ -25,7 +25,7 @@ from methods.body.fit.surface import BodySurface
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["SilhouetteTarget", "clothed", "silhouette_cost"]
+__all__ = ["SilhouetteTarget", "silhouette_cost", "uncovered_cost"]
 
 
 #: How far outside an edge a ray is sent to see whether the edge is on the outline, pixels.
@@ -55,12 +55,12 @@ class SilhouetteTarget:
         return float(beyond + self.missing[~mask].sum()) / self.area_px
 
 
-def clothed(coverage: Floats, weight: float, standoff_px: float) -> Floats:
-    """(H, W) cost of what a body leaves uncovered of a clothed subject's coverage.
+def uncovered_cost(coverage: Floats, weight: float, standoff_px: float) -> Floats:
+    """(H, W) cost of each pixel of a clothed subject that a body does not cover.
 
     Args:
         coverage: (H, W) from 0 to 1.
-        weight: Of a pixel well inside the subject.
+        weight: Cost of a pixel well inside the subject.
         standoff_px: A rim of this width costs nothing: soles, hair and cloth lie outside the body.
     """
     if standoff_px <= 0:

@@ -19,7 +19,7 @@ from harness.data.avatars import (
 )
 from harness.data.avatars.build import drape_recipe
 from harness.data.avatars.mesh.faces import neighbours
-from harness.data.avatars.people.body import Body
+from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.stored import drape_key, load_drape, save_drape
 
 pytestmark = pytest.mark.slow
@@ -190,7 +190,7 @@ def test_a_stored_drape_belongs_to_its_recipe_as_it_is_now(path):
 
 def test_blender_drapes_what_is_stored_and_stale_drapes_are_not_used(tmp_path, monkeypatch):
     recipe = recipe_for(NAME)
-    body = Body(recipe.phenotype)
+    body = AvatarBody(recipe.phenotype)
     shipped = drape_recipe(recipe, body)
     pieces = [item.piece for item in shipped]
     save_drape(recipe, shipped, tmp_path)

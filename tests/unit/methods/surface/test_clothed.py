@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.artifacts import Body, Capture, image_name
 from harness.core.cameras.rigs import RingRig
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
@@ -18,8 +18,8 @@ from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
-from methods import clothed
-from methods.body_fit import BodyFit, FittedBody
+from methods.body.result import BodyFitResult
+from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod
 from methods.econ import econ
 from methods.fit_settings import JMBO
@@ -62,23 +62,21 @@ class KnownBody(BodyFit):
     def __init__(self) -> None:
         super().__init__("known", "Known body", tuple(range(8)), JMBO)
 
-    def fitted(self, _: Capture, __: Context) -> FittedBody:
-        mesh = figure(-CLOTH_M)
+    def fit(self, _: Capture, __: Context) -> BodyFitResult:
+        mesh, vertices = figure(-CLOTH_M), figure().vertices
         body = Body("egg", mesh.vertices, np.zeros((1, 3)), mesh.faces, {})
-        return FittedBody(body, tuple(range(8)), (True, False), {})
+        regions = {
+            "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
+            "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
+            "face": np.zeros(len(vertices), bool),
+            "eyeballs": np.zeros(len(vertices), bool),
+        }
+        return BodyFitResult(body, tuple(range(8)), (True, False), regions)
 
 
 @pytest.fixture
-def small(monkeypatch):
+def small():
     """``small(method, normals)``: the method with the known body, in the small."""
-    vertices = figure().vertices
-    regions = {
-        "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
-        "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
-        "face": np.zeros(len(vertices), bool),
-        "eyeballs": np.zeros(len(vertices), bool),
-    }
-    monkeypatch.setattr(clothed, "_regions", lambda _: regions)
 
     def build(method: ClothedMethod, normals: str) -> ClothedMethod:
         own = {"normals": normals, "resolution": "160", "poisson_depth": "7"}
@@ -192,9 +190,19 @@ def test_settings_reach_the_fit_or_the_surface():
         ({"surface.resolution": "1"}, "64 to 4096"),
         ({"surface.prior_weight": "-1"}, "positive k, prior_weight"),
         ({"body.depth": "guess"}, "height-prior or subject-centre"),
+        ({"surface.device": "tpu"}, "cpu, cuda or cuda:1"),
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
+
+
+def test_a_gpu_that_is_not_there_is_said_before_anything_runs():
+    import torch
+
+    index = torch.cuda.device_count()
+    with pytest.raises(MissingPart, match=f"'cuda:{index}'.*--set surface.device=cpu"):
+        _ = econ.configured({"surface.device": f"cuda:{index}"}).info
+    assert econ.info.parameters["surface"]["device"] == "cpu"
 
 
 @pytest.mark.slow

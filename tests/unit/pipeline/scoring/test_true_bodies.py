@@ -44,7 +44,8 @@ def fitted():
         vertices=VERTICES + np.array([0.003, 0, 0]),
         faces=np.array([[0, 1, 2]]),
         joints=JOINTS + np.array([0.002, 0, 0]),
-        parameters={"joint_names": np.array(["hip", "knee"]), "main_joints": np.array([0, 1])},
+        joint_names=("hip", "knee"),
+        main_joints=np.array([0, 1]),
     )
 
 
