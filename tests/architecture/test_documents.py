@@ -17,7 +17,9 @@ import yaml
 
 import harness
 from harness.cli.main import app
+from harness.core.privileges import Privilege
 from harness.core.process.source_digest import OUR_PACKAGES
+from methods.catalog import METHODS
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
@@ -146,6 +148,27 @@ def test_the_documents_show_every_command() -> None:
 
     assert len(group.commands) > 8
     assert set(group.commands) - shown == set()
+
+
+def test_the_reading_order_is_that_of_the_package() -> None:
+    page = (ROOT / "docs" / "how_it_works.md").read_text(encoding="utf-8")
+    in_package = re.findall(r"^\d\. ``(.+?)``", harness.__doc__ or "", re.MULTILINE)
+
+    assert len(in_package) == 8
+    assert re.findall(r"^\d\. `(.+?)`", page, re.MULTILINE) == in_package
+
+
+def test_every_privilege_is_explained() -> None:
+    page = (ROOT / "docs" / "how_it_works.md").read_text(encoding="utf-8")
+
+    assert [each.label for each in Privilege if f"| {each.label} |" not in page] == []
+
+
+def test_every_method_is_explained() -> None:
+    ours = [name for name in METHODS if METHODS.module(name).startswith("methods.")]
+    page = (ROOT / "docs" / "how_it_works.md").read_text(encoding="utf-8")
+
+    assert [name for name in ours if f"`{name}`" not in page] == []
 
 
 def test_the_citation_is_of_this_version_and_names_the_paper() -> None:
