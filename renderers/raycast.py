@@ -29,7 +29,7 @@ _SUPERSAMPLE = 3
 
 
 class RaycastRenderer:
-    """Casts nine rays a pixel with Open3D; samples, denoiser and seed do not matter to it."""
+    """Casts nine rays per pixel with Open3D; samples, denoiser and seed have no effect."""
 
     def render(
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
@@ -47,7 +47,7 @@ class RaycastRenderer:
 def _picture(
     caster: Raycaster, texture: Floats, camera: Camera, recipe: RenderRecipe
 ) -> NDArray[np.uint8]:
-    """(H, W, 4) uint8, shaded finely within the mesh's window only."""
+    """(H, W, 4) uint8 picture; only the window around the mesh is ray-cast and shaded."""
     picture = np.zeros((camera.height, camera.width, 4), dtype=np.uint8)
     window = caster.window(camera)
     if window.is_empty:

@@ -1,4 +1,4 @@
-"""Spawns the process in which Blender runs."""
+"""Starts the process in which Blender runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class BlenderRenderer:
         assert mesh.face_uv is not None
         scene = describe(mesh, recipe)
         with tempfile.TemporaryDirectory(prefix="harness-render-") as folder:
-            # Arrays instead of the scan's file: what is proved is what is rendered.
+            # Arrays instead of the scan's file, so that the checked mesh is the rendered one.
             arrays = Path(folder, "mesh.npz")
             np.savez(
                 arrays,
@@ -53,8 +53,8 @@ class BlenderRenderer:
                 progress=progress,
             )
             for view in scene.views:
-                # Read strictly and written anew: Blender stamps its render times into its files,
-                # and the files of equal pictures would differ.
+                # Decoded and written again: Blender stores its render times in its files,
+                # so that files of equal pictures would differ.
                 size = (scene.width, scene.height)
                 save_png(directory / view.file, load_rgba(Path(folder, view.file), size))
         return RenderOutcome(device=str(answer["device"]))

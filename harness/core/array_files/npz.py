@@ -1,4 +1,4 @@
-"""Arrays out of an NPZ file: headers are checked before any room is made for contents."""
+"""Arrays from an NPZ file: headers are checked before memory is allocated for contents."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from harness.core.errors import DataError
 
 __all__ = ["MOST_NPZ_BYTES", "read_array_npz"]
 
-#: What the wanted arrays of one file may take together; those of SMPL-X take 230 MiB.
+#: Largest total size of the wanted arrays of one file; those of SMPL-X take 230 MiB.
 MOST_NPZ_BYTES = 768 * 2**20
-#: Real arrays shrink less than this; what is mostly zeros is small enough for the allowance.
+#: Real arrays compress less than this; arrays of mostly zeros are small enough to be allowed.
 _MOST_SHRINKAGE, _ALLOWANCE_BYTES = 16, 64 * 2**20
 _MOST_DIRECTORY_BYTES = 2**20
 _MOST_HEADER_BYTES, _MOST_DIMENSIONS = 10_000, 8
@@ -83,7 +83,7 @@ def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any
 
 
 def _check_directory(stream: IO[bytes], size: int) -> None:
-    """Refuse a list of contents that is larger than any list of arrays."""
+    """Refuse a table of contents that is larger than arrays need."""
     tail_size = min(size, _END_SIZE + _MOST_COMMENT + _END_OF_LARGE_SIZE)
     stream.seek(size - tail_size)
     tail = stream.read(tail_size)

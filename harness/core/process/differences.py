@@ -11,7 +11,7 @@ __all__ = ["differences", "listed_differences"]
 
 _LONGEST = 40
 _SHOWN = 4
-#: Values of these keys are hashes: that one changed is all that can be told.
+#: Values of these keys are hashes, so only the fact that one changed can be shown.
 _HASHED = ("code", "sha256")
 _WORDS = {"code": "code of", "packages": "package", "sha256": "file"}
 
@@ -19,8 +19,8 @@ _WORDS = {"code": "code of", "packages": "package", "sha256": "file"}
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """One entry per value that is not the same, such as ``package scipy 1.17.1 -> 1.18.0``.
 
-    Nested mappings are told by their path; below ``code`` are digests by module, below
-    ``packages`` versions by name, below ``sha256`` hashes by file.
+    A nested value is named by its path. Digests of modules are below ``code``, versions of packages
+    below ``packages``, and hashes of files below ``sha256``.
     """
     return list(_walk((), before, now))
 
@@ -33,7 +33,7 @@ def listed_differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str
 
 
 def _walk(path: tuple[str, ...], before: Any, now: Any) -> Iterator[str]:
-    # As JSON, because what was read from a file has lists for tuples.
+    # Compared as JSON, because values read from a file have lists in place of tuples.
     if canonical_json(before) == canonical_json(now):
         return
     if isinstance(before, Mapping) and isinstance(now, Mapping):
