@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.files.hashing import content_hash
@@ -29,7 +30,7 @@ _MESH_SCORING = "harness.pipeline.scoring.meshes"
 _MESH_READING = "harness.core.formats.mesh_files"
 _BODY_SCORING = "harness.pipeline.scoring.bodies"
 _NORMAL_SCORING = "harness.pipeline.scoring.normals"
-_ORACLE = "harness.pipeline.run.oracle_normals"
+_ORACLE = "harness.pipeline.inputs.oracle_normals"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +61,25 @@ class Inputs:
         """Plain JSON values, as records hold them."""
         return asdict(self)
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Inputs:
+        """The inputs behind ``to_dict``."""
+        return cls(**values)
+
     @property
     def key(self) -> str:
         """Content id."""
         return content_hash(self.to_dict())
+
+    @property
+    def counts_body_scoring(self) -> bool:
+        """Whether the key covers the code that scores bodies."""
+        return _BODY_SCORING in self.code
+
+    @property
+    def counts_normal_scoring(self) -> bool:
+        """Whether the key covers the code that scores normal maps."""
+        return _NORMAL_SCORING in self.code
 
 
 def evaluated(
