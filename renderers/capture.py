@@ -13,10 +13,11 @@ from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
+from harness.core.process.steps import StepReport, silent
 from harness.core.settings import RenderRecipe
 from renderers.catalog import RENDERERS
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
-from renderers.protocol import Progress, Renderer, RenderOutcome, silent, texture_of
+from renderers.protocol import Renderer, RenderOutcome, texture_of
 
 __all__ = ["CaptureInputs", "capture"]
 
@@ -81,7 +82,7 @@ def capture(
     mesh: Mesh,
     recipe: RenderRecipe,
     directory: Path,
-    progress: Progress = silent,
+    progress: StepReport = silent,
 ) -> Capture:
     """Photograph a scan into ``directory``, which is replaced as a whole on success.
 

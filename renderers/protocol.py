@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import check_picture
 
-__all__ = ["Progress", "RenderOutcome", "Renderer", "silent", "texture_of"]
-
-#: Called with (views done, views in all).
-Progress = Callable[[int, int], None]
-
-
-def silent(_done: int, _total: int) -> None:
-    """Ignore progress."""
+__all__ = ["RenderOutcome", "Renderer", "texture_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +37,7 @@ class Renderer(Protocol):
     """Photographs a mesh. Found by name in ``renderers.catalog``; made without arguments."""
 
     def render(
-        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """Write ``rgb/00.png`` and so on below ``directory``, one per camera of the recipe.
 

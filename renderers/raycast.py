@@ -14,11 +14,12 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgb, save_png, srgb_from_linear
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
-from renderers.protocol import Progress, RenderOutcome, texture_of
+from renderers.protocol import RenderOutcome, texture_of
 from renderers.studio import key_light_position
 
 __all__ = ["RaycastRenderer"]
@@ -32,7 +33,7 @@ class RaycastRenderer:
     """Casts nine rays per pixel with Open3D; samples, denoiser and seed have no effect."""
 
     def render(
-        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
         texture = linear_texture(load_rgb(texture_of(mesh)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
@@ -10,6 +10,7 @@ from typing import Literal, get_args
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
+from harness.core.privileges import Privilege
 from harness.core.units import UNITS_RULE
 
 __all__ = ["RECORD_SCHEMA", "MetricValue", "Record", "Status"]
@@ -90,6 +91,14 @@ class Record:
     def length_unit(self) -> str:
         """What counts as 1 m in the record's lengths: ``metre``, or ``scan unit``."""
         return "scan unit" if self.scale_rule == UNITS_RULE else "metre"
+
+    @property
+    def privileges(self) -> tuple[Privilege, ...]:
+        """What the method was given beyond pixels; what a newer version added is left out."""
+        values = self.method["privileges"]
+        if not isinstance(values, Container):
+            return ()
+        return tuple(privilege for privilege in Privilege if privilege in values)
 
     @property
     def method_name(self) -> str:

@@ -10,11 +10,12 @@ import numpy as np
 
 from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
+from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgba, save_png
 from renderers.blender.scene import describe, vertices_in_blender
-from renderers.protocol import Progress, RenderOutcome, texture_of
+from renderers.protocol import RenderOutcome, texture_of
 
 __all__ = ["BlenderRenderer"]
 
@@ -25,7 +26,7 @@ class BlenderRenderer:
     """Path-traces with Blender's Cycles, on a GPU where there is one."""
 
     def render(
-        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
         _require_blender()

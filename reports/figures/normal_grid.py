@@ -42,7 +42,8 @@ class NormalPanels:
         side: Which of them are shown.
         true: (H, W, 3) normals of the scan on the same pixels, 0 beside it.
         errors_deg: (H, W) of the estimate; NaN where it is not compared.
-        told: Below the body's normals, and below the errors.
+        body_text: Shown below the body's normals.
+        estimate_text: Shown below the errors of the estimate.
     """
 
     title: str
@@ -50,7 +51,8 @@ class NormalPanels:
     side: Side
     true: Floats
     errors_deg: Floats
-    told: tuple[str, str]
+    body_text: str
+    estimate_text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +113,8 @@ def _draw(capture: Capture, panels: NormalPanels, share: tuple[float, float], ax
     used = [next(axes) for _ in pictures]
     for axis, picture in zip(used, pictures, strict=True):
         show(axis, _centre(picture, share))
-    for axis, text in zip((used[-4], used[-1]), panels.told, strict=True):
+    texts = (panels.body_text, panels.estimate_text)
+    for axis, text in zip((used[-4], used[-1]), texts, strict=True):
         axis.set_xlabel(text, fontsize=8)
 
 

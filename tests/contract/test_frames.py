@@ -17,7 +17,7 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.run.plan import resolve_method
+from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.catalog import METHODS
 
 SMALL = {
@@ -108,7 +108,7 @@ class Worlds:
 
 def small(name: str, extra: dict[str, str] | None = None):
     """The method at a size that a test can afford; a setting that it has not is left out."""
-    method = resolve_method(name, {})
+    method = ChosenMethod.of(name, {}).method
     parameters = method.info.parameters
     known = {
         path
@@ -116,7 +116,7 @@ def small(name: str, extra: dict[str, str] | None = None):
         if path in parameters or path.partition(".")[2] in parameters.get(path.split(".")[0], {})
     }
     settings = {path: SMALL[path] for path in known} | (extra or {})
-    return resolve_method(name, settings)
+    return ChosenMethod.of(name, settings).method
 
 
 @pytest.mark.slow

@@ -16,6 +16,8 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
 from harness.pipeline.run import cell_worker, evaluate, plan
+from harness.pipeline.run.cell_job import CellJob
+from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.store import RunStore
 from methods.hull import VisualHull
 
@@ -40,10 +42,9 @@ def request(world: Path, method: str = "hull8", **more: object) -> plan.EvalRequ
     settings = {"hull.voxel_m": "0.02"} if method == "hull8" else {}
     return plan.EvalRequest(
         source=Source.select(manifest, place, "toy", ("t1",), "tiny"),
-        methods=(method,),
+        methods=chosen_methods((method,), settings),
         protocol=manifest.protocol("mexecon"),
         store=RunStore(place.run("main")),
-        settings=settings,
         **more,
     )
 
@@ -126,12 +127,8 @@ def job_of(world: Path, folder: Path) -> dict:
     asked = request(world)
     captures.render_all(asked.source, 1, Silent())
     (cell,) = plan.plan(asked)
-    return {
-        "source": asked.source.to_job(), "subject": "t1", "method": "hull8",
-        "settings": dict(asked.settings), "protocol": "mexecon", "seed": 0, "key": cell.key,
-        "inputs": json.loads(json.dumps(cell.inputs.to_dict())), "folder": str(folder),
-        "keep": False,
-    }  # fmt: skip
+    job = CellJob(asked.source, cell.method, asked.protocol, 0, cell.inputs, folder, keep=False)
+    return json.loads(json.dumps(job.to_dict()))
 
 
 def touch_capture(world: Path) -> None:
@@ -183,7 +180,6 @@ def test_what_changes_while_a_method_works_is_noticed_at_its_end(
 def test_code_that_changes_meanwhile_is_noticed(world, tmp_path):
     job = job_of(world, tmp_path / "results")
     job["inputs"]["code"]["methods.hull"] = "0"
-    job["key"] = "another"
 
     found = cell_worker.handle(job, lambda *_: None)
 

@@ -64,6 +64,7 @@ def evaluate(
     from harness.data.manifest import load_manifest
     from harness.pipeline.inputs.sources import Source
     from harness.pipeline.inputs.workspace import Workspace
+    from harness.pipeline.run.chosen_method import chosen_methods
     from harness.pipeline.run.plan import EvalRequest
     from harness.pipeline.run.store import RunStore
 
@@ -71,12 +72,11 @@ def evaluate(
     place = Workspace.default(workspace)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=split_names(method),
+        methods=chosen_methods(split_names(method), parsed_settings(settings)),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),
         seed=seed,
         jobs=jobs,
-        settings=parsed_settings(settings),
         keep=keep,
         reason=reason,
         timeout_s=limit_s(timeout),

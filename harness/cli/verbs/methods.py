@@ -22,9 +22,11 @@ app = typer.Typer(
 @app.command("list")
 def list_methods(as_json: Json = False) -> None:
     """List every method with its title, how many views it uses, and what it is given."""
-    from harness.pipeline.report.method_pages import described, known_methods
+    from harness.pipeline.run.chosen_method import catalogued_methods
 
-    infos, failures = described(known_methods())
+    catalogued = catalogued_methods()
+    infos = {method.name: method.info for method in catalogued.usable}
+    failures = {name: str(error) for name, error in catalogued.failures.items()}
     if as_json:
         found = {name: info.to_dict() for name, info in infos.items()}
         print(json.dumps({"methods": found, "unusable": failures}, indent=2))
@@ -45,9 +47,9 @@ def show(
 ) -> None:
     """Show one method: views, parts, privileges, settings, and every deviation from print."""
     from harness.pipeline.report.method_pages import text_page
-    from harness.pipeline.run.plan import resolve_method
+    from harness.pipeline.run.chosen_method import ChosenMethod
 
-    info = resolve_method(name, parsed_settings(settings)).info
+    info = ChosenMethod.of(name, parsed_settings(settings)).info
     print(json.dumps(info.to_dict(), indent=2) if as_json else text_page(info))
 
 
@@ -59,10 +61,10 @@ def docs(
 ) -> None:
     """Write the documentation page of all methods as Markdown."""
     from harness.core.files.atomic import write_text
-    from harness.pipeline.report.method_pages import described, known_methods, markdown_pages
+    from harness.pipeline.report.method_pages import markdown_pages
+    from harness.pipeline.run.chosen_method import catalogued_methods
 
-    infos, _ = described(known_methods())
-    page = markdown_pages(infos)
+    page = markdown_pages([method.info for method in catalogued_methods().usable])
     if output is None:
         print(page, end="")
     else:

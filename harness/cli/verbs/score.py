@@ -147,8 +147,9 @@ def _folder(
     as_json: bool,
 ) -> None:
     from harness.cli.display import Bars
+    from harness.pipeline.inputs.scan_set import ScanSet
     from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.run.elsewhere import FolderRequest, dataset_target, score_folder
+    from harness.pipeline.run.elsewhere import FolderRequest, score_folder
     from harness.pipeline.run.store import RunStore
 
     folder, name, title = what
@@ -158,7 +159,7 @@ def _folder(
         folder=folder,
         name=name,
         title=title,
-        dataset=dataset_target(manifest, dataset, split_names(subjects), place.root),
+        truth=ScanSet.select(manifest, place, dataset, split_names(subjects)),
         protocol=rule,
         store=RunStore(place.run(run)),
     )

@@ -24,6 +24,7 @@ from harness.core import errors
 from harness.core.errors import HarnessError, MethodError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.process.interrupts import require_not_stopped
+from harness.core.process.steps import StepReport
 
 __all__ = ["WorkerDied", "run_worker", "worker_main"]
 
@@ -32,8 +33,6 @@ _POLL_S = 0.05
 _PARENT_POLL_S = 0.5
 _PROGRESS = re.compile(r"^@progress (\d+)/(\d+)\n", re.MULTILINE)
 _PR_SET_PDEATHSIG = 1
-
-Progress = Callable[[int, int], None]
 
 
 class WorkerDied(MethodError):
@@ -51,7 +50,7 @@ def run_worker(
     job: Mapping[str, object],
     *,
     log: Path | None = None,
-    progress: Progress | None = None,
+    progress: StepReport | None = None,
     timeout_s: float | None = None,
 ) -> dict[str, Any]:
     """The result of ``python -m module`` on a job.
@@ -105,7 +104,7 @@ def run_worker(
 def _follow(
     process: subprocess.Popen[bytes],
     log: Path,
-    progress: Progress | None,
+    progress: StepReport | None,
     timeout_s: float | None,
 ) -> bool:
     """Wait for a process to end and report its progress.
@@ -156,7 +155,7 @@ def _tail(log: Path) -> str:
 
 
 def worker_main(
-    handle: Callable[[dict[str, Any], Progress], Mapping[str, object]],
+    handle: Callable[[dict[str, Any], StepReport], Mapping[str, object]],
 ) -> None:
     """Run a worker: read the job file, call ``handle(job, progress)``, write the result.
 

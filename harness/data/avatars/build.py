@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.files.hashing import derive_seed
-from harness.core.process.workers import Progress
+from harness.core.process.steps import StepReport
 from harness.data.avatars.checks import check_avatar
 from harness.data.avatars.clothes.drape import Draped, drape
 from harness.data.avatars.clothes.extras import collar, shoes
@@ -78,7 +78,7 @@ def _worn_under(
 
 
 def drape_recipe(
-    recipe: AvatarRecipe, body: AvatarBody, progress: Progress | None = None
+    recipe: AvatarRecipe, body: AvatarBody, progress: StepReport | None = None
 ) -> list[Draped]:
     """The recipe's garments at rest on its posed body: as stored, else solved.
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import exclusive_lock, write_text
 from harness.data.manifest import Manifest
+from harness.pipeline.inputs.environment import SEALED_LOG, checkout, environment, utc_now
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
-from harness.pipeline.run.environment import SEALED_LOG, checkout, environment, utc_now
 
 __all__ = ["Look", "admit", "announce", "log_path", "refuse"]
 

@@ -17,7 +17,7 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.records import MetricValue
 from harness.core.settings import MetricProtocol
-from harness.pipeline.run.oracle_normals import OracleNormals
+from harness.pipeline.inputs.oracle_normals import OracleNormals
 from harness.pipeline.scoring.bodies import TrueBody, body_metrics
 from harness.pipeline.scoring.meshes import labelled_faces, scored
 from harness.pipeline.scoring.normals import normal_details

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.files.hashing import content_hash
@@ -22,8 +23,6 @@ from harness.core.protocols import MethodInfo
 from harness.core.settings import MetricProtocol
 
 __all__ = [
-    "BODY_SCORING",
-    "NORMAL_SCORING",
     "Inputs",
     "evaluated",
     "method_code",
@@ -34,10 +33,9 @@ _KEYS_OWN = SourceTree.__module__
 _CELL = "harness.pipeline.run.cell"
 _MESH_SCORING = "harness.pipeline.scoring.meshes"
 _MESH_READING = "harness.core.formats.mesh_files"
-#: How fitted bodies and normal maps are scored.
-BODY_SCORING = "harness.pipeline.scoring.bodies"
-NORMAL_SCORING = "harness.pipeline.scoring.normals"
-_ORACLE = "harness.pipeline.run.oracle_normals"
+_BODY_SCORING = "harness.pipeline.scoring.bodies"
+_NORMAL_SCORING = "harness.pipeline.scoring.normals"
+_ORACLE = "harness.pipeline.inputs.oracle_normals"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +66,25 @@ class Inputs:
         """Plain JSON values, as records hold them."""
         return asdict(self)
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Inputs:
+        """The inputs behind ``to_dict``."""
+        return cls(**values)
+
     @property
     def key(self) -> str:
         """Content id."""
         return content_hash(self.to_dict())
+
+    @property
+    def counts_body_scoring(self) -> bool:
+        """Whether the key covers the code that scores bodies."""
+        return _BODY_SCORING in self.code
+
+    @property
+    def counts_normal_scoring(self) -> bool:
+        """Whether the key covers the code that scores normal maps."""
+        return _NORMAL_SCORING in self.code
 
 
 def evaluated(
@@ -143,9 +156,9 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
     own = tree.digest([module], [_KEYS_OWN])
     unused = [_KEYS_OWN]
     if not own.uses("Body"):
-        unused.append(BODY_SCORING)
+        unused.append(_BODY_SCORING)
     if not own.uses("NormalMaps"):
-        unused.append(NORMAL_SCORING)
+        unused.append(_NORMAL_SCORING)
     if Privilege.ORACLE_NORMALS not in privileges:
         unused.append(_ORACLE)
     return own | tree.digest([_CELL], unused)

@@ -123,12 +123,12 @@ def true_posed(body: AnnyBody, scan: Scan) -> Posed:
 
 
 def _main(subjects: str) -> None:
+    from harness.core.process.steps import silent
     from harness.data.manifest import load_manifest, subject_range
     from harness.pipeline.inputs.sources import Source
     from harness.pipeline.inputs.workspace import Workspace
     from methods.body.models.anny_body import AnnyBody
     from methods.body.photos.detection import detect
-    from renderers.protocol import silent
 
     chosen = subject_range(subjects) or tuple(subjects.split(","))
     source = Source.select(load_manifest(None), Workspace.default(), _DATASET, chosen, "paper8")

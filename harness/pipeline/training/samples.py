@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.array_files.npz import write_npz
 from harness.core.arrays import Floats
 from harness.core.artifacts import Scan
 from harness.core.cameras.camera import Camera
-from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
 from harness.core.mesh import Mesh
-from harness.core.process.workers import Progress
+from harness.core.process.steps import StepReport
 from harness.geometry.images import load_rgb, packed_normals
 from harness.geometry.occlusion import lit_share, vertex_openness
 from harness.geometry.raycast import Hits, Raycaster
@@ -71,7 +71,7 @@ def samples_key(scan: Scan, settings: SampleSettings) -> str:
 
 
 def make_samples(
-    scan: Scan, mesh: Mesh, settings: SampleSettings, path: Path, progress: Progress
+    scan: Scan, mesh: Mesh, settings: SampleSettings, path: Path, progress: StepReport
 ) -> None:
     """Write a subject's samples as one ``.npz``.
 
@@ -90,8 +90,8 @@ def make_samples(
             samples.setdefault(name, []).append(array)
         progress(view + 1, settings.views)
     arrays = {name: np.stack(rows) for name, rows in samples.items()}
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, key=np.array(samples_key(scan, settings)), **arrays)
+    # Uncompressed: a network is trained on these again and again.
+    write_npz(path, {"key": np.array(samples_key(scan, settings)), **arrays}, compressed=False)
 
 
 class _Studio:

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.errors import MethodError
-from harness.core.process.workers import Progress, run_worker
+from harness.core.process.steps import StepReport
+from harness.core.process.workers import run_worker
 from harness.data.avatars.clothes.patterns import Piece
 from harness.data.avatars.mesh.nearness import Nearness, keep_off
 from harness.data.avatars.mesh.quads import Floats, triangles
@@ -122,7 +123,7 @@ def _solve(
     path: list[PosedAvatar],
     pieces: Sequence[Piece],
     quality: int,
-    progress: Progress | None,
+    progress: StepReport | None,
 ) -> list[Floats]:
     """The last two frames (2,V,3) of each piece."""
     with tempfile.TemporaryDirectory(prefix="harness-drape-") as name:
@@ -150,7 +151,7 @@ def _solve(
 
 
 def drape(
-    body: AvatarBody, pose: Pose, pieces: Sequence[Piece], progress: Progress | None = None
+    body: AvatarBody, pose: Pose, pieces: Sequence[Piece], progress: StepReport | None = None
 ) -> list[Draped]:
     """The pieces at rest on the posed body, draped one after the other in their order.
 

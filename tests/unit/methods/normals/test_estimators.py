@@ -8,7 +8,7 @@ import pytest
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import content_hash
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.run.plan import resolve_method
+from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.econ import econ
 from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.view_maps import filled_normals
@@ -135,9 +135,9 @@ def test_methods_can_do_without_a_network_that_is_not_there(places):
 
 def test_a_request_without_its_network_ends_before_any_work(places):
     with pytest.raises(MissingPart, match="no network 'open-normals'"):
-        resolve_method("econ", {"surface.normals": "open"})
+        ChosenMethod.of("econ", {"surface.normals": "open"})
     assert (
-        resolve_method("econ", {"surface.normals": "body", "body.normals": "off"}).info.name
+        ChosenMethod.of("econ", {"surface.normals": "body", "body.normals": "off"}).info.name
         == "econ"
     )
 

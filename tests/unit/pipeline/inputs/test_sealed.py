@@ -12,13 +12,13 @@ import pytest
 from harness.core.errors import HarnessError
 from harness.data.avatars import AVATARS_VERSION, recipe_for
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs import captures, sealed
+from harness.pipeline.inputs import captures, environment, sealed
 from harness.pipeline.inputs.captures import make_avatars, render_all, show_avatar
 from harness.pipeline.inputs.sealed import Look, admit, log_path
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.run import environment
+from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
@@ -142,7 +142,7 @@ def test_the_documents_end_with_the_table_that_lines_are_added_to():
 def request_of(manifest, place, reason):
     return EvalRequest(
         source=source_of(manifest, place),
-        methods=("hull8",),
+        methods=chosen_methods(("hull8",), {}),
         protocol=manifest.protocol("mexecon"),
         store=RunStore(place.run("main")),
         reason=reason,

@@ -59,7 +59,7 @@ def run(tmp_path, monkeypatch):
     scan = Scan("toy", "", tmp_path / "x.obj", "metres", "+z", np.eye(4), {}, labels_path=labels)
     drawn = {}
     monkeypatch.setattr(
-        "reports.figures.failures.failure_grid",
+        "harness.pipeline.report.figures.failure_grid",
         lambda rows, _, scale: drawn.update(rows=rows, label=scale.label),
     )
     store = RunStore(tmp_path / "run")
@@ -67,9 +67,11 @@ def run(tmp_path, monkeypatch):
     def draw(records, subjects=SUBJECTS, scan=scan, scale_rule="metres", spoilt=None):
         for one in records:
             if one.status == "ok":
-                save_mesh(store.cell(one.method_name, one.subject) / "mesh.ply", MESH)
+                save_mesh(store.cell(one.method_name, one.subject).directory / "mesh.ply", MESH)
         if spoilt:
-            save_mesh(store.cell(*spoilt) / "mesh.ply", replace(MESH, vertices=2 * CORNERS))
+            save_mesh(
+                store.cell(*spoilt).directory / "mesh.ply", replace(MESH, vertices=2 * CORNERS)
+            )
         source = SimpleNamespace(
             subjects=subjects, load=lambda _: (scan, MESH), capture=str, scale_rule=scale_rule
         )
@@ -117,7 +119,7 @@ def test_a_method_that_failed_on_a_subject_keeps_its_place(run):
 
 
 def test_records_without_regions_are_refused_with_the_next_step(run):
-    with pytest.raises(HarnessError, match="tells errors by region.*scans have labels"):
+    with pytest.raises(HarnessError, match="has errors by region.*scans have labels"):
         run([record("m", "a")])
 
 

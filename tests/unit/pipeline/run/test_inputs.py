@@ -51,12 +51,12 @@ def test_scoring_of_bodies_and_normals_counts_where_it_is_used(name: str) -> Non
     assert ("harness.pipeline.scoring.bodies" in found) == (module not in (HULL, "methods.gt"))
     clothed = module in ("methods.econ", "methods.mexecon")
     assert ("harness.pipeline.scoring.normals" in found) == clothed
-    assert "harness.pipeline.run.oracle_normals" not in found
+    assert "harness.pipeline.inputs.oracle_normals" not in found
 
 
 def test_lending_the_scans_normals_counts_under_its_privilege() -> None:
     found = method_code("methods.econ", (Privilege.ORACLE_NORMALS,)).modules
-    assert "harness.pipeline.run.oracle_normals" in found
+    assert "harness.pipeline.inputs.oracle_normals" in found
 
 
 def test_the_visual_hull_depends_on_no_network() -> None:

@@ -14,6 +14,7 @@ from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
+from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Silent
 from harness.pipeline.run.cell import Truth, scores_of
 from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pair
@@ -102,7 +103,7 @@ def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
         folder=folder,
         name="mine",
         title="Mine",
-        dataset=("toy", dataset, tmp_path / "scans", tuple(subjects)),
+        truth=ScanSet("toy", dataset, tmp_path / "scans", tuple(subjects)),
         protocol=PROTOCOL,
         store=RunStore(tmp_path / "runs"),
     )

@@ -11,7 +11,7 @@ from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.data.avatars.skin.bake import _REGIONS
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.run.normal_files import load_normals, save_normals
+from harness.pipeline.run.result_files import load_normals, save_normals
 from harness.pipeline.scoring.normals import normal_details
 from metrics.regions import BODY_REGIONS
 

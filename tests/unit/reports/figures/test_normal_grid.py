@@ -31,7 +31,7 @@ def panels(view=0, side="near", title="Front photo", error_deg=20.0):
     normals = FACING * mask[..., None]
     maps = NormalMaps(view, camera, mask, normals, -normals, normals, -normals)
     errors_deg = np.where(mask, error_deg, np.nan)
-    return NormalPanels(title, maps, side, normals, errors_deg, ("20.0° off", "10.0° off"))
+    return NormalPanels(title, maps, side, normals, errors_deg, "20.0° off", "10.0° off")
 
 
 def test_a_figure_of_both_photos_is_drawn(capture, tmp_path):
