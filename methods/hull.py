@@ -90,8 +90,10 @@ def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Float
 
 
 def _hull_distance(outlines: list[Outline], points: Floats, outside_m: float) -> Singles:
-    """Least signed distance over the views (N,); a point that one view sees further than
-    ``outside_m`` outside is not asked of the next, so that its value is an upper bound.
+    """(N,) least signed distance over the views.
+
+    Once a view sees a point further outside than ``outside_m``, the next views are not computed for
+    it, so that its value is an upper bound.
     """
     distance = np.full(len(points), np.inf, dtype=np.float32)
     open_points = np.arange(len(points))

@@ -10,7 +10,7 @@ The file has the inputs ``image`` (1, 3, H, W), sRGB in [-1, 1] and 0 outside th
 * optionally ``body_background``: the value that body maps have where there is no body, 0 unless
   given (ECON's networks were trained with 0.00392);
 * optionally ``window``: ``mask`` if the network was trained on windows around the subject
-  (``methods/normals/window.py``) and is to be run on such; without it, it gets the whole picture.
+  (``methods/normals/window.py``) and has to run on such; without it, it gets the whole picture.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ __all__ = ["clothed_body", "is_unobstructed", "ways_out_m"]
 
 #: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
 _STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04
-#: Of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance and
-#: 22.4 degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm.
+#: Share of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance
+#: and 22.4 degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm.
 _SHARE = 0.8
 #: Weight of neighbours' equality against 1 for an offset that was found.
 _SMOOTHNESS = 5.0
@@ -41,7 +41,8 @@ def clothed_body(body: Mesh, outlines: Sequence[Outline]) -> Mesh:
 
     Args:
         body: The fitted body, facing outwards.
-        outlines: Of views all round; what none sees from the side follows its neighbours.
+        outlines: Silhouettes in views all round; what none sees from the side follows its
+            neighbours.
     """
     normals = vertex_normals(body)
     found = ways_out_m(body.vertices, normals, outlines)

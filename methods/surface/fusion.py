@@ -32,7 +32,8 @@ class FusionParameters:
     """How the surfaces are fused.
 
     Attributes:
-        depth: Of the octree; its finest cell is 1.25 times the longest side, divided by 2^depth.
+        depth: Depth of the octree; its finest cell is 1.25 times the longest side, divided by
+            2^depth.
         faces: Decimate to about this many faces; 0 keeps all.
     """
 

@@ -17,7 +17,7 @@ PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 CONTRACTS = [contract["name"] for contract in CONFIG["tool"]["importlinter"]["contracts"]]
 
-FLOORS, CLOSED, EMPTY, LIGHT, BLENDER = CONTRACTS
+FLOORS, CLOSED, ROOMS, FIT, AVATARS, REPORTS, EMPTY, LIGHT, BLENDER = CONTRACTS
 
 #: A contract, the file that breaks it, and the line that does.
 PLANTS = [
@@ -29,6 +29,22 @@ PLANTS = [
     (FLOORS, "metrics/sampling.py", "def later():\n    import harness.pipeline"),
     (FLOORS, "harness/pipeline/run/plan.py", "import harness.cli"),
     (CLOSED, "harness/stray.py", ""),
+    (ROOMS, "methods/body/photos/views.py", "import methods.normals.window"),
+    (ROOMS, "methods/normals/window.py", "import methods.surface.sheets"),
+    (ROOMS, "methods/surface/hands.py", "def later():\n    import methods.body.models.model"),
+    (ROOMS, "methods/surface/fusion.py", "import methods.clothed"),
+    (ROOMS, "methods/clothed.py", "import methods.econ"),
+    (FIT, "methods/body/models/model.py", "import methods.body.photos.views"),
+    (FIT, "methods/body/photos/views.py", "import methods.body.fit.weights"),
+    (FIT, "methods/body/stray.py", ""),
+    (AVATARS, "harness/data/avatars/skin/paint.py", "import harness.data.avatars.recipe"),
+    (AVATARS, "harness/data/avatars/clothes/layer.py", "import harness.data.avatars.skin.hair"),
+    (AVATARS, "harness/data/avatars/people/poses.py", "import harness.data.avatars.clothes.looks"),
+    (AVATARS, "harness/data/avatars/mesh/noise.py", "import harness.data.avatars.people.body"),
+    (AVATARS, "harness/data/avatars/stray.py", ""),
+    (REPORTS, "reports/tables/cost.py", "import reports.formats.markdown"),
+    (REPORTS, "reports/figures/panels.py", "import reports.regression.compare"),
+    (REPORTS, "reports/statistics.py", "import reports.tables.table"),
     (EMPTY, "harness/__init__.py", "import harness.core.units"),
     (LIGHT, "harness/core/units.py", "import torch"),
     (LIGHT, "harness/core/mesh.py", "def later():\n    import scipy.spatial"),

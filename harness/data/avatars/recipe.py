@@ -33,7 +33,7 @@ class AvatarRecipe:
     """One subject: phenotype (Anny's values, 0 to 1), pose, looks and clothes.
 
     ``pose`` names the pose; ``drawn_pose`` is given if it is not one of the written library, and
-    ``shape`` if the body is none that the body model can give.
+    ``shape`` if the body model cannot give the body.
     """
 
     id: str

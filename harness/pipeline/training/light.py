@@ -16,7 +16,7 @@ from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.images import srgb_from_linear
 from harness.geometry.window import Window
 
-__all__ = ["Lamp", "Light", "developed", "drawn_camera", "drawn_light"]
+__all__ = ["Lamp", "Light", "drawn_camera", "drawn_light", "photographed"]
 
 
 #: Half of the views are near the front and the back, which is what methods estimate.
@@ -40,13 +40,13 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """All light of one photo, and how it is developed.
+    """All light of one photo, and how the camera turns it into colours.
 
     Attributes:
         even: (3,) linear colour of the light from everywhere.
         lamps: One or two.
         exposure: Factor on all light.
-        contrast: Exponent on the developed picture.
+        contrast: Exponent on the picture's sRGB colours.
         noise: Standard deviation of the sensor's noise, sRGB.
     """
 
@@ -131,7 +131,7 @@ def _tint(draw: np.random.Generator) -> Floats:
     return np.exp(draw.normal(0.0, 0.06, 3))
 
 
-def developed(linear: Floats, light: Light, draw: np.random.Generator) -> Floats:
+def photographed(linear: Floats, light: Light, draw: np.random.Generator) -> Floats:
     """Colours in [0, 1], sRGB, of linear light (..., 3): exposed, clipped, with sensor noise."""
     picture = srgb_from_linear(np.clip(light.exposure * linear, 0.0, 1.0)) ** light.contrast
     return np.clip(picture + light.noise * draw.normal(size=picture.shape), 0.0, 1.0)

@@ -24,7 +24,7 @@ from harness.geometry.occlusion import lit_share, vertex_openness
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
 from harness.pipeline.inputs.true_parameters import true_parameters
-from harness.pipeline.training.light import Light, developed, drawn_camera, drawn_light
+from harness.pipeline.training.light import Light, drawn_camera, drawn_light, photographed
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
 from renderers.protocol import texture_of
@@ -140,7 +140,7 @@ class _Studio:
         mask = coverage >= 0.5
         picture = np.zeros_like(straight)
         # Displays blend in sRGB, and so do working pictures: over black, by coverage.
-        picture[mask] = developed(straight[mask], light, draw) * coverage[mask][:, None]
+        picture[mask] = photographed(straight[mask], light, draw) * coverage[mask][:, None]
         return picture, mask
 
     def _radiance(self, hits: Hits, camera: Camera, light: Light) -> Floats:

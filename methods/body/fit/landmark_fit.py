@@ -44,7 +44,7 @@ def fit_each_view(
     Args:
         body: Sparse will do.
         views: N views.
-        detections: Of these views.
+        detections: The landmarks found in these views.
     """
     import torch
 

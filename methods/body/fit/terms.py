@@ -1,7 +1,7 @@
 """The terms of JMBO's cost: one function for each, all of one shape.
 
-A term takes the body and one view of it, and gives one number without a weight. The head's upright
-pose and the prior need no view; they have the same shape without it.
+A term takes the body and what one view asks of it, and returns one number without a weight. The
+head's term is of the body alone.
 """
 
 from __future__ import annotations

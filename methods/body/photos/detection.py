@@ -27,7 +27,7 @@ from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG
 
-__all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "agreed", "detect", "part"]
+__all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "combined", "detect", "part"]
 
 
 #: Landmarks of MediaPipe's body.
@@ -128,7 +128,7 @@ def _detect(file: PictureFile, size: tuple[int, int]) -> Reading:
     """Cached, because the method and the scorer of one cell ask the same."""
     rgba = load_rgba(file.path, size)
     window = _window(rgba[..., 3] >= 128)
-    found = agreed(list(_readings(_detector(), window.cut(rgba))))
+    found = combined(list(_readings(_detector(), window.cut(rgba))))
     if found is None:
         return Reading(np.zeros((COUNT, 2)), np.zeros((COUNT, 3)), np.zeros(COUNT), np.zeros(2))
     return found._replace(pixels=found.pixels + np.array([window.left, window.top]))
@@ -159,8 +159,8 @@ class Reading(NamedTuple):
         )
 
 
-def agreed(readings: Sequence[Reading]) -> Reading | None:
-    """What readings of one picture say together: their mean, trusted less where they differ.
+def combined(readings: Sequence[Reading]) -> Reading | None:
+    """The mean of the readings of one picture, trusted less where they differ.
 
     None without a reading.
     """

@@ -34,7 +34,7 @@ class View:
 
     Attributes:
         index: In the capture.
-        camera: Of the working picture.
+        camera: The working picture's camera.
         coverage: (H, W) of the subject, 0 to 1.
         side_px: Side of the subject's frame in working pixels.
         place: Where the subject stands, the same for all views that are fitted together.
@@ -55,7 +55,7 @@ class Views:
 
     Attributes:
         views: In the order of the capture.
-        detections: Of these views; ``pixels`` are working pixels.
+        detections: What was found in these views; ``pixels`` are working pixels.
         left_out: Reason by view index.
     """
 

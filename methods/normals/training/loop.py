@@ -43,13 +43,13 @@ class TrainingSettings:
     """How a network is trained.
 
     Attributes:
-        steps: Of the optimiser.
+        steps: Number of optimiser steps.
         batch: Samples a step.
         width_px: Columns of a sample that a step sees, at random: most are empty.
         rate: Greatest learning rate (AdamW; warm-up, then a half cosine).
         decay: Weight decay.
         judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
-        seed: Of weights, order and augmentation.
+        seed: Seed of the first weights, the order of samples and their augmentation.
     """
 
     steps: int = 1500
@@ -92,8 +92,8 @@ def train(
 ) -> Trained:
     """A network trained on ``samples``, its error on ``judges`` written to ``curve.csv``.
 
-    A checkpoint in ``directory`` made with the same samples and settings is gone on from; the
-    result does not depend on how often that happened.
+    Training continues from a checkpoint in ``directory`` that was made with the same samples and
+    settings; the result does not depend on how often it was interrupted.
 
     Raises:
         HarnessError: the checkpoint was made with others.

@@ -16,7 +16,7 @@ from harness.geometry.window import Window
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.training.light import Lamp, Light, developed, drawn_camera, drawn_light
+from harness.pipeline.training.light import Lamp, Light, drawn_camera, drawn_light, photographed
 from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
 from harness.pipeline.training.samples import SampleSettings, make_samples, samples_key
 
@@ -173,9 +173,9 @@ def test_cameras_look_at_the_subject_as_methods_crop_it():
 def test_light_adds_up_and_noise_is_of_its_size():
     even = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.0)
     draw = np.random.default_rng(0)
-    np.testing.assert_allclose(developed(np.full((4, 3), 0.214), even, draw), 0.5, atol=1e-3)
+    np.testing.assert_allclose(photographed(np.full((4, 3), 0.214), even, draw), 0.5, atol=1e-3)
     noisy = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.02)
-    assert developed(np.full((9999, 3), 0.2), noisy, draw).std() == pytest.approx(0.02, rel=0.05)
+    assert photographed(np.full((9999, 3), 0.2), noisy, draw).std() == pytest.approx(0.02, rel=0.05)
 
 
 def test_lamps_stand_on_the_camera_s_side():
