@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from harness.core.errors import HarnessError
-from harness.core.protocols import Method, MethodInfo
+from harness.core.protocols import Configurable, Method, MethodInfo
 from methods.catalog import METHODS
 
 __all__ = ["Catalogued", "ChosenMethod", "catalogued_methods", "chosen_methods"]
@@ -38,14 +38,13 @@ class ChosenMethod:
         """
         method: Method = METHODS.resolve(name)
         if settings:
-            configured = getattr(method, "configured", None)
-            if configured is None:
+            if not isinstance(method, Configurable):
                 raise HarnessError(
                     f"method '{name}' has no settings",
                     got=", ".join(settings),
                     hint="Leave --set out",
                 )
-            method = configured(settings)
+            method = method.configured(settings)
         chosen = cls(name, dict(settings), METHODS.module(name), method)
         # Asking for the parts finds missing ones now, and not after photos have been made.
         if chosen.info.name != name:

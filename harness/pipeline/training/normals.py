@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from harness.core.array_files.npz import read_array_npz
 from harness.core.errors import DataError, HarnessError
@@ -18,9 +17,10 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
 from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
-
-if TYPE_CHECKING:
-    from methods.normals.training.loop import TrainingSettings
+from methods.normals.training.export import export_network
+from methods.normals.training.loop import TrainingSettings, judged, train
+from methods.normals.training.network import Mirrored
+from methods.normals.training.samples import Samples
 
 __all__ = ["TrainingRequest", "TrainingResult", "ensure_samples", "train_normals"]
 
@@ -66,18 +66,13 @@ class TrainingResult:
 
 
 def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResult:
-    """Train a network on the samples of a source, going on where an earlier call stopped.
+    """Train a network on the samples of a source, continuing where an earlier call stopped.
 
     Raises:
         HarnessError: too few subjects, sealed subjects, or test subjects among them.
         MissingPart: PyTorch or onnx is not installed.
     """
     import torch
-
-    from methods.normals.training.export import export_network
-    from methods.normals.training.loop import judged, train
-    from methods.normals.training.network import Mirrored
-    from methods.normals.training.samples import Samples
 
     refuse(request.source.manifest, request.source.name, "training")
     subjects = request.source.subjects
