@@ -171,6 +171,26 @@ def test_every_method_is_explained() -> None:
     assert [name for name in ours if f"`{name}`" not in page] == []
 
 
+def test_every_setting_in_the_documents_exists() -> None:
+    nested = [METHODS.resolve(name).info.parameters for name in ("econ", "mexecon8", "hull8")]
+    known = {
+        f"{step}.{setting}"
+        for parameters in nested
+        for step, settings in parameters.items()
+        for setting in settings
+    }
+    texts = [path.read_text(encoding="utf-8") for path in DOCUMENTS if path.name != "methods.md"]
+    # After --set, or first in a row of a table.
+    named = {
+        name
+        for text in texts
+        for name in re.findall(r"(?:--set |^\| `)((?:body|surface|hull)\.\w+)", text, re.MULTILINE)
+    }
+
+    assert {"hull.voxel_m", "surface.normals", "body.depth"} <= named
+    assert named - known == set()
+
+
 def test_the_citation_is_of_this_version_and_names_the_paper() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
 
