@@ -59,8 +59,35 @@ class EvalSummary:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Number of cells by status; ``stale`` are good records that could not be made anew."""
+        """Number of cells by status; ``stale`` are good records that could not be made again."""
         return Counter(outcome.status for outcome in self.outcomes)
+
+    @property
+    def all_ok(self) -> bool:
+        """Whether every record is good and current."""
+        return all(outcome.status == "ok" for outcome in self.outcomes)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {
+            "counts": dict(self.counts),
+            "cached": self.cached,
+            "records": [record.to_dict() for record in self.records],
+            "stale": [
+                {
+                    "method": kept.record.method_name,
+                    "subject": kept.record.subject,
+                    "why": kept.kept,
+                }
+                for kept in self.outcomes
+                if kept.kept
+            ],
+        }
+
+
+def _stale_entry(outcome: Outcome) -> dict[str, str]:
+    record = outcome.record
+    return {"method": record.method_name, "subject": record.subject, "why": outcome.kept}
 
 
 def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:

@@ -17,10 +17,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
 from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
-from methods.normals.training.export import export_network
-from methods.normals.training.loop import TrainingSettings, judged, train
-from methods.normals.training.network import Mirrored
-from methods.normals.training.samples import Samples
+from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["TrainingRequest", "TrainingResult", "ensure_samples", "train_normals"]
 
@@ -72,7 +69,13 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         HarnessError: too few subjects, sealed subjects, or test subjects among them.
         MissingPart: PyTorch or onnx is not installed.
     """
+    # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
     import torch
+
+    from methods.normals.training.export import export_network
+    from methods.normals.training.loop import judged, train
+    from methods.normals.training.network import Mirrored
+    from methods.normals.training.samples import Samples
 
     refuse(request.source.manifest, request.source.name, "training")
     subjects = request.source.subjects

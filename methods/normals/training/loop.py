@@ -23,6 +23,7 @@ from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
 from methods.normals.training.network import NormalNetwork
 from methods.normals.training.samples import Batch, Samples
+from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["Angles", "Trained", "TrainingSettings", "chord", "judged", "train"]
 
@@ -36,29 +37,6 @@ _LAST_RATE = 0.01
 _AVERAGE = 0.998
 _CLIP = 1.0
 _JUDGE_BATCH = 8
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingSettings:
-    """How a network is trained.
-
-    Attributes:
-        steps: Number of optimiser steps.
-        batch: Samples a step.
-        width_px: Columns of a sample that a step sees, at random: most are empty.
-        rate: Greatest learning rate (AdamW; warm-up, then a half cosine).
-        decay: Weight decay.
-        judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
-        seed: Seed of the first weights, the order of samples and their augmentation.
-    """
-
-    steps: int = 1500
-    batch: int = 8
-    width_px: int = 256
-    rate: float = 1.5e-3
-    decay: float = 1e-2
-    judge_every: int = 100
-    seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
