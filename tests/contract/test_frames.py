@@ -30,6 +30,10 @@ SMALL = {
 MOST_MM = 2.0
 
 
+#: The figure, its photos and what methods share are worked out once, in one process.
+pytestmark = [pytest.mark.xdist_group("frames"), pytest.mark.usefixtures("shared_fits")]
+
+
 @pytest.fixture(scope="module")
 def figure() -> Mesh:
     import torch
