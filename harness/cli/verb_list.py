@@ -12,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = ["VERBS", "Verbs", "verb_group"]
+__all__ = ["VERBS", "Verbs", "verb_command", "verb_group"]
 
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
@@ -32,6 +32,12 @@ VERBS = {
 _MODULES = {"eval": "evaluate"}
 
 
+def verb_command(verb: str) -> Any:
+    """A verb's whole command with its options or its own verbs; imports the verb's module."""
+    module = importlib.import_module(f"harness.cli.verbs.{_MODULES.get(verb, verb)}")
+    return typer.main.get_command(module.app)
+
+
 class _LazyVerb(TyperCommand):
     """A verb's name and summary, which stand for the whole verb until it is called."""
 
@@ -40,9 +46,7 @@ class _LazyVerb(TyperCommand):
     ) -> Any:
         """The context of the verb itself, imported now."""
         assert self.name is not None
-        module = importlib.import_module(f"harness.cli.verbs.{_MODULES.get(self.name, self.name)}")
-        command = typer.main.get_command(module.app)
-        return command.make_context(info_name, args, parent, **extra)
+        return verb_command(self.name).make_context(info_name, args, parent, **extra)
 
 
 class Verbs(TyperGroup):
