@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
+from harness.core.errors import MethodError
 from harness.core.privileges import Privilege
 
 __all__ = [
@@ -90,6 +91,9 @@ class MethodInfo:
             belongs to, such as ``body``, and by its own.
         deviations: Differences from the publication whose name the method carries; empty for a
             method that claims no publication.
+
+    Raises:
+        MethodError: parameters that are not grouped by room.
     """
 
     name: str
@@ -101,6 +105,16 @@ class MethodInfo:
         default_factory=dict[str, Mapping[str, object]]
     )
     deviations: tuple[Deviation, ...] = ()
+
+    def __post_init__(self) -> None:
+        # Methods of third parties are not type-checked with ours.
+        for room, own in self.parameters.items():
+            if not isinstance(own, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance]
+                raise MethodError(
+                    f"the parameters of method '{self.name}' are not grouped by room",
+                    expected="settings by room, such as {'hull': {'voxel_m': 0.01}}",
+                    got=f"{room!r}: {own!r}",
+                )
 
     def identity(self) -> dict[str, object]:
         """What of this decides the output: everything but words for readers."""
