@@ -51,7 +51,7 @@ METHODS = st.builds(
     views=st.none() | st.lists(st.integers(0, 9), max_size=3).map(tuple),
     parts=st.lists(st.from_type(Part), max_size=2).map(tuple),
     privileges=st.lists(st.sampled_from(Privilege), max_size=3).map(tuple),
-    parameters=DETAILS,
+    parameters=st.dictionaries(TEXTS, DETAILS, max_size=2),
     deviations=st.lists(st.from_type(Deviation), max_size=2).map(tuple),
 )
 STAGES = st.lists(st.from_type(StageCost), max_size=2).map(tuple)

@@ -134,15 +134,15 @@ def test_what_failed_in_the_baseline_too_is_unchanged():
 
 
 def test_a_changed_input_is_named_though_no_number_moved():
-    method = replace(HULL[0].method, parameters={"voxel_m": 0.008})
+    method = replace(HULL[0].method, parameters={"hull": {"voxel_m": 0.008}})
     other = replace(HULL[0], key="0123456789abcdef", method=method)
     comparison = compare([other], update(HULL[:1]))
     assert comparison.passed
     (changed,) = comparison.changed
-    assert changed.inputs == {"method.parameters.voxel_m": ("0.004", "0.008")}
+    assert changed.inputs == {"method.parameters.hull.voxel_m": ("0.004", "0.008")}
     for text in (to_text(comparison), to_markdown(comparison)):
         assert "01234567" in text
-        assert "method.parameters.voxel_m" in text
+        assert "method.parameters.hull.voxel_m" in text
 
 
 def test_another_package_is_named():
@@ -242,7 +242,7 @@ def test_the_file_is_meant_to_be_read(tmp_path):
     document = json.loads(path.read_text())
     (cell,) = document["cells"]
     assert cell["metrics"]["chamfer"] == {"value": 14.912, "unit": "mm"}
-    assert cell["inputs"]["method.parameters.voxel_m"] == "0.004"
+    assert cell["inputs"]["method.parameters.hull.voxel_m"] == "0.004"
     assert document["tolerances"]["chamfer"]["unit"] == "mm"
     assert "host" not in path.read_text()
 

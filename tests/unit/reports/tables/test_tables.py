@@ -209,7 +209,7 @@ def test_the_same_protocol_in_another_version_is_another_protocol():
         ("views", (7,)),
         ("parts", (Part("body model", "another", "MIT"),)),
         ("privileges", (Privilege.SUBJECT_CENTRE,)),
-        ("parameters", {"voxel_m": 7.0}),
+        ("parameters", {"hull": {"voxel_m": 7.0}}),
     ],
 )
 def test_two_states_of_a_method_are_not_averaged(field, value):
@@ -221,7 +221,7 @@ def test_two_states_of_a_method_are_not_averaged(field, value):
 
 def test_a_failed_record_of_an_older_state_does_not_stop_the_table():
     first, second = of_method("hull8")[:2]
-    older = replace(second.method, parameters={"voxel_m": 0.1})
+    older = replace(second.method, parameters={"hull": {"voxel_m": 0.1}})
     failed = replace(second, method=older, status="failed", reason="no disk", metrics={})
     assert geometry_table([first, failed]).rows[0].n == 1
 
