@@ -103,7 +103,10 @@ def test_the_scan_says_what_reads_it(tmp_path: Path) -> None:
 
 
 CHANGES = [
-    ("method parameters hull voxel_m 0.1 -> 0.2", {"info": replace(INFO, parameters={"hull": {"voxel_m": 0.2}})}),
+    (
+        "method parameters hull voxel_m 0.1 -> 0.2",
+        {"info": replace(INFO, parameters={"hull": {"voxel_m": 0.2}})},
+    ),
     ("method privileges", {"info": replace(INFO, privileges=(Privilege.KNOWN_CAMERAS,))}),
     ("method parts", {"info": replace(INFO, parts=(Part("p", "n", "l", "2"),))}),
     ("photos photos -> others", {"capture": replace(CAPTURE, key="others")}),
