@@ -26,7 +26,6 @@ from harness.core.mesh import Mesh
 
 __all__ = [
     "CAPTURE_SCHEMA",
-    "OFF_MODEL",
     "Body",
     "BodyLandmarks",
     "Capture",
@@ -39,9 +38,6 @@ __all__ = [
 
 
 CAPTURE_SCHEMA = 1
-#: In the file of a true body: how far (r.m.s., metres) its surface is from what the body model
-#: gives for its parameters; absent where the model gives the surface itself.
-OFF_MODEL = "off_model_rms_m"
 
 
 @dataclass(frozen=True, slots=True)

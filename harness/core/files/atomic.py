@@ -13,7 +13,7 @@ import time
 import uuid
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeGuard
 
 from harness.core.errors import DataError
 from harness.core.process.interrupts import require_not_stopped
@@ -156,11 +156,15 @@ def read_json(path: Path) -> dict[str, Any]:
         raise DataError(f"could not read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(value, dict):
+    if not _is_object(value):
         raise DataError(
             f"{path} is not a JSON object", expected="{ ... }", got=type(value).__name__
         )
-    return cast(dict[str, Any], value)
+    return value
+
+
+def _is_object(value: object) -> TypeGuard[dict[str, Any]]:
+    return isinstance(value, dict)
 
 
 @contextlib.contextmanager

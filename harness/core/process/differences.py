@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, cast
+from typing import Any, TypeGuard
 
 from harness.core.files.hashing import canonical_json
 
@@ -36,12 +36,15 @@ def _walk(path: tuple[str, ...], before: Any, now: Any) -> Iterator[str]:
     # Compared as JSON, because values read from a file have lists in place of tuples.
     if canonical_json(before) == canonical_json(now):
         return
-    if isinstance(before, Mapping) and isinstance(now, Mapping):
-        old, new = cast(Mapping[str, Any], before), cast(Mapping[str, Any], now)
-        for name in dict.fromkeys([*old, *new]):
-            yield from _walk((*path, name), old.get(name), new.get(name))
+    if _is_mapping(before) and _is_mapping(now):
+        for name in dict.fromkeys([*before, *now]):
+            yield from _walk((*path, name), before.get(name), now.get(name))
         return
     yield _told(path, before, now)
+
+
+def _is_mapping(value: Any) -> TypeGuard[Mapping[str, Any]]:
+    return isinstance(value, Mapping)
 
 
 def _told(path: tuple[str, ...], before: Any, now: Any) -> str:

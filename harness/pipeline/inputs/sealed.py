@@ -105,10 +105,10 @@ def log_path(workspace: Workspace) -> Path:
 
 def _row(look: Look) -> str:
     made = environment()
-    commit = str(made["commit"])[:12] if made["commit"] else f"version {made['harness']}"
+    commit = made.commit[:12] if made.commit else f"version {made.harness}"
     cells = (
         utc_now(),
-        f"{commit} (dirty)" if made["dirty"] else commit,
+        f"{commit} (dirty)" if made.dirty else commit,
         look.what,
         look.reason,
         ", ".join(look.methods),

@@ -13,14 +13,13 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.records import Record
+from harness.core.truth import face_regions, true_body
 from harness.core.units import MM_PER_METRE, UNITS_RULE
 from harness.geometry.surface import SurfaceIndex
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.report.normal_figure import normals
 from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
 from harness.pipeline.run.store import RunStore
-from harness.pipeline.scoring.bodies import TrueBody
-from harness.pipeline.scoring.meshes import labelled_faces
 from metrics.regions import FAR_MM
 from reports.figures.body_overlay import body_overlay
 from reports.figures.comparison import (
@@ -99,7 +98,7 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
         raise HarnessError(
             f"no method fitted a body to {subject}", hint="Run 'harness eval --method jmbo8'"
         )
-    true = TrueBody.of(scan)
+    true = true_body(scan)
     fitted = rows[-1].mesh
     truth = None
     if true is not None and len(true.vertices) == len(rows[0].mesh.vertices):
@@ -128,7 +127,7 @@ def failures(store: RunStore, source: Source, records: Sequence[Record], path: P
             hint="Evaluate subjects whose scans have labels; records of earlier versions lack them",
         )
     chosen = worst_subjects(shown.values(), _MOST_FAILURES)
-    titles = {record.method_name: str(record.method["title"]) for record in shown.values()}
+    titles = {record.method_name: record.method.title for record in shown.values()}
     rows = [_failure_row(store, source, subject, titles, shown) for subject in chosen]
     failure_grid(rows, path, _scale(source, FAR_MM))
     return path
@@ -142,7 +141,7 @@ def _failure_row(
     shown: Mapping[tuple[str, str], Record],
 ) -> FailureRow:
     scan, truth = source.load(subject)
-    regions = labelled_faces(scan, truth)
+    regions = face_regions(scan, truth)
     if regions is None:
         raise DataError(f"the scan of {subject} has no labels any more")
     panels: list[FailurePanel] = []
@@ -187,7 +186,7 @@ def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dic
     done: dict[str, set[str]] = {}
     for record in records:
         if _is_rival(record):
-            titles[record.method_name] = str(record.method["title"])
+            titles[record.method_name] = record.method.title
             done.setdefault(record.method_name, set()).add(record.subject)
     complete = {name: title for name, title in titles.items() if done[name] >= set(subjects)}
     if not complete:

@@ -15,7 +15,7 @@ from harness.pipeline.run.store import RunStore
 from harness.pipeline.scoring.normals import true_normals
 from metrics.normal_maps import angular_error_map
 from reports.figures.normal_grid import NormalPanels, NormalRow, normal_grid
-from reports.tables.normals import headline, normals_of
+from reports.tables.normals import headline
 
 __all__ = ["normals"]
 
@@ -38,7 +38,7 @@ def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[
     """The records, by subject, of the first method with normal maps of all of them."""
     by_method: dict[str, dict[str, Record]] = {}
     for record in records:
-        if record.status == "ok" and normals_of(record):
+        if record.status == "ok" and record.normal_maps:
             by_method.setdefault(record.method_name, {})[record.subject] = record
     for found in by_method.values():
         if found.keys() >= set(subjects):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,8 +15,7 @@ from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.published.table import published_differences, published_means
-from reports.statistics import Interval as BootstrapInterval
-from reports.statistics import bootstrap_interval, sign_flip_p_value
+from reports.statistics import bootstrap_ends
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 from reports.tables.jmbo import jmbo_table
@@ -45,7 +43,7 @@ PUBLISHED_TABLE = "published"
 #: Tables of a run by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
-    "paired": partial(paired_table, p_value=sign_flip_p_value),
+    "paired": paired_table,
     "cost": cost_table,
     "jmbo": jmbo_table,
     "regions": regions_table,
@@ -103,11 +101,12 @@ def build_published(request: ReportRequest) -> str:
         HarnessError: an unknown format, method or subject, or nothing to compare.
     """
     write, _ = _known("format", request.format, FORMATS)
-    chosen = {"methods": request.methods, "subjects": request.subjects}
     if request.paired:
-        table = published_differences(p_value=sign_flip_p_value, interval=_percentiles, **chosen)
+        table = published_differences(methods=request.methods, subjects=request.subjects)
     else:
-        table = published_means(interval=_percentiles if request.interval else None, **chosen)
+        table = published_means(
+            methods=request.methods, subjects=request.subjects, intervals=request.interval
+        )
     return _written(table, write)
 
 
@@ -150,7 +149,7 @@ def _table(records: Sequence[Record], request: ReportRequest) -> Table:
         records,
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,
-        interval=_bootstrap if request.interval else None,
+        interval=bootstrap_ends if request.interval else None,
         published=request.published,
     )
 
@@ -179,18 +178,3 @@ def _catalogue_order(records: Sequence[Record]) -> list[str]:
     present = dict.fromkeys(record.method_name for record in records)
     catalogued = [name for name in METHODS if name in present]
     return [*catalogued, *(name for name in present if name not in catalogued)]
-
-
-def _bootstrap(values: Sequence[float]) -> tuple[float, float]:
-    return _ends(bootstrap_interval(values))
-
-
-def _percentiles(values: Sequence[float]) -> tuple[float, float]:
-    # So many that the ends do not move in the digits that are usually quoted.
-    return _ends(bootstrap_interval(values, method="percentile", resamples=200_000))
-
-
-def _ends(found: BootstrapInterval) -> tuple[float, float]:
-    if found.low is None or found.high is None:
-        raise HarnessError("an interval needs at least two subjects", got=f"{found.n}")
-    return found.low, found.high

@@ -107,9 +107,9 @@ class _Task:
             return CellResult("failed", str(error), stages=tuple(meter.stages))
         return CellResult(
             "ok",
-            metrics=scores.metrics,
+            scores=scores,
             stages=tuple(meter.stages),
-            details=scores.details,
+            details=result.details,
             files=self._written(result),
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,14 +12,16 @@ from harness.core.files.names import checked_name
 from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
-from harness.core.records import MetricValue, Record, Status
+from harness.core.records import CaptureStamp, ProtocolStamp, Record, Status
+from harness.core.results import Scores
 from harness.core.settings import MetricProtocol
+from harness.core.truth import face_regions
 from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Progress
 from harness.pipeline.run.record_inputs import Inputs, scored_elsewhere
 from harness.pipeline.run.store import CellFolder, Outcome, RunStore
-from harness.pipeline.scoring.meshes import labelled_faces, scored
+from harness.pipeline.scoring.meshes import mesh_scores
 from methods.catalog import METHODS
 from metrics.score import Score, score
 
@@ -122,8 +123,7 @@ class _Scored:
     status: Status
     reason: str = ""
     by_mesh: bool = True
-    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
-    details: Mapping[str, object] = field(default_factory=dict[str, object])
+    scores: Scores = field(default_factory=Scores)
     inputs: Inputs | None = None
 
 
@@ -135,18 +135,20 @@ def _score_subject(
     found = _scored(request, method, subject, path)
     record = Record(
         key=found.inputs.key if found.inputs else "",
-        method=method.to_dict(),
+        method=method,
         dataset=request.truth.name,
         subject=subject,
         # Made elsewhere: nobody here knows from which photos.
         recipe="",
-        protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
-        capture={"key": "", "warnings": []},
+        protocol=ProtocolStamp.of(request.protocol),
+        capture=CaptureStamp(),
         seed=request.protocol.seed,
         status=found.status,
         reason=found.reason,
-        metrics=found.metrics,
-        details=found.details,
+        metrics=found.scores.metrics,
+        regions=found.scores.regions,
+        warnings=found.scores.warnings,
+        diagnostics=found.scores.diagnostics,
         environment=environment(),
         created_utc=utc_now(),
         scale_rule=request.truth.dataset.scale,
@@ -160,15 +162,15 @@ def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path
         return _Scored("missing", f"no mesh of {subject} in {request.folder}")
     try:
         scan, truth = request.truth.load(subject)
-        labelled_faces(scan, truth)
+        face_regions(scan, truth)
     except HarnessError as error:
         return _Scored("failed", str(error), by_mesh=False)
     inputs = scored_elsewhere(method, file_sha256(path), scan, request.protocol)
     try:
         predicted = load_mesh(path, seams=True)
-        outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
+        scores = mesh_scores(predicted, scan, truth, request.protocol, misplaced="refuse")
     except HarnessError as error:
         return _Scored("failed", str(error), inputs=inputs)
     if file_sha256(path) != inputs.mesh:
         return _Scored("failed", f"{path} changed while it was scored")
-    return _Scored("ok", metrics=outcome.metrics, details=details, inputs=inputs)
+    return _Scored("ok", scores=scores, inputs=inputs)

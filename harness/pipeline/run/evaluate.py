@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import WorkerDied, run_worker
-from harness.core.records import Record
+from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.pipeline.inputs.captures import PHOTOS, photograph
 from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.sealed import Look, admit
@@ -211,19 +211,20 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
     capture = cell.files.capture if cell.files else None
     return Record(
         key=cell.key,
-        method=cell.info.to_dict(),
+        method=cell.info,
         dataset=request.source.name,
         subject=cell.subject,
         recipe=request.source.recipe.name,
-        protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
-        capture={
-            "key": capture.key if capture else "",
-            "warnings": list(capture.warnings) if capture else [],
-        },
+        protocol=ProtocolStamp.of(request.protocol),
+        capture=CaptureStamp(capture.key, capture.warnings) if capture else CaptureStamp(),
         seed=request.seed,
         status=result.status,
         reason=result.reason,
-        metrics=result.metrics,
+        metrics=result.scores.metrics,
+        regions=result.scores.regions,
+        normal_maps=result.scores.normal_maps,
+        warnings=result.scores.warnings,
+        diagnostics=result.scores.diagnostics,
         stages=result.stages,
         details=result.details,
         environment=result.environment or environment(),

@@ -24,10 +24,10 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError, HarnessError
 from harness.core.process.steps import silent
 from harness.core.protocols import Context
+from harness.core.truth import true_parameters
 from harness.core.units import MM_PER_METRE
 from harness.data.manifest import load_manifest, subject_range
 from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.true_parameters import true_parameters
 from harness.pipeline.inputs.workspace import Workspace
 from methods.body.fitting import fitted_parameters
 from methods.body.models.anatomy import blend_landmarks

@@ -19,12 +19,12 @@ from harness.core.cameras.camera import Camera
 from harness.core.files.hashing import content_hash, derive_seed
 from harness.core.mesh import Mesh
 from harness.core.process.steps import StepReport
+from harness.core.truth import true_parameters
 from harness.geometry.images import load_rgb, packed_normals
 from harness.geometry.occlusion import lit_share, vertex_openness
 from harness.geometry.photo import Picture
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
-from harness.pipeline.inputs.true_parameters import true_parameters
 from harness.pipeline.training.light import (
     Light,
     PhotoSize,

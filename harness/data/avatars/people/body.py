@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.artifacts import OFF_MODEL
 from harness.core.cameras.frames import ANNY_TO_WORLD
 from harness.core.errors import MissingPart
 from harness.core.files.atomic import exclusive_lock
+from harness.core.truth import OFF_MODEL
 from harness.data.avatars.mesh.quads import Floats, Ints, SparseMatrix
 
 __all__ = [

@@ -11,6 +11,7 @@ from PIL import Image
 from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import DataError
 from harness.core.formats.mesh_files import save_mesh
+from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
@@ -68,8 +69,8 @@ def test_a_methods_own_result_is_a_number_with_a_warning(name):
     told = scores_of(result, NO_PHOTOS, Truth.read(scan, person()), PROTOCOL)
     assert all(np.isfinite(metric.value) for metric in told.metrics.values())
     assert told.metrics["chamfer"].value > 50
-    (warning,) = [text for text in told.details["warnings"] if MISTAKES[name][2] in text]
-    json.dumps(told.details, allow_nan=False)
+    (warning,) = [text for text in told.warnings if MISTAKES[name][2] in text]
+    json.dumps(to_json(told), allow_nan=False)
     assert "person" in warning
 
 

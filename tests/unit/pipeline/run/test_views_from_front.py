@@ -80,7 +80,7 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     told = cell_worker.handle(job.to_dict(), lambda *_: None)
     assert told["status"] == "ok", told["reason"]
 
-    assert told["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
+    assert told["scores"]["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
     front, back = (witness.shown.cameras[view] for view in witness.info.views)
     np.testing.assert_allclose(front.position, [0, 0, 3], atol=1e-12)
     np.testing.assert_allclose(back.position, [0, 0, -3], atol=1e-12)
