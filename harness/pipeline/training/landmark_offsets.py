@@ -124,7 +124,6 @@ def true_posed(body: AnnyBody, scan: Scan) -> Posed:
 
 
 def _main(subjects: str) -> None:
-
     chosen = subject_range(subjects) or tuple(subjects.split(","))
     source = Source.select(load_manifest(None), Workspace.default(), _DATASET, chosen, "paper8")
     width, height = _SIZE

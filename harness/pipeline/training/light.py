@@ -1,4 +1,4 @@
-"""How a training photo is taken: a camera somewhere round the subject, lamps somewhere round it.
+"""How a training photo is taken: a camera somewhere around the subject, and lamps around it.
 
 The light is even light from everywhere, with contact shadows, and one or two soft lamps that cast
 shadows; colours, strengths, exposure and the sensor's noise vary from photo to photo.
@@ -16,7 +16,7 @@ from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.images import srgb_from_linear
 from harness.geometry.window import Window
 
-__all__ = ["Lamp", "Light", "drawn_camera", "drawn_light", "photographed"]
+__all__ = ["Lamp", "Light", "PhotoSize", "drawn_camera", "drawn_light", "photographed"]
 
 
 #: Half of the views are near the front and the back, which is what methods estimate.
@@ -28,6 +28,20 @@ _FILLED = (0.82, 0.95)
 #: Pixels of the square before it is brought to its size: whole pixels are then fine enough.
 _FINE_FOCAL_PX = 4000.0
 _LAMP_POINTS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoSize:
+    """How large a training photo is, and the subject in it.
+
+    Attributes:
+        side_px: Side of the square that the subject fills, as methods crop it.
+        width_px, height_px: Size of the window within the square that is kept.
+    """
+
+    side_px: int
+    width_px: int
+    height_px: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +60,8 @@ class Light:
         even: (3,) linear colour of the light from everywhere.
         lamps: One or two.
         exposure: Factor on all light.
-        contrast: Exponent on the picture's sRGB colours.
-        noise: Standard deviation of the sensor's noise, sRGB.
+        contrast: Exponent on the colours of the picture.
+        noise: Standard deviation of the sensor's noise, as sRGB in [0, 1].
     """
 
     even: Floats
@@ -57,12 +71,12 @@ class Light:
     noise: float
 
 
-def drawn_camera(vertices: Floats, size: tuple[int, int, int], draw: np.random.Generator) -> Camera:
+def drawn_camera(vertices: Floats, size: PhotoSize, draw: np.random.Generator) -> Camera:
     """A camera that looks at the subject, cropped as methods crop, a little off at random.
 
     Args:
         vertices: (V, 3) of the subject, world metres, its box centred at the origin.
-        size: Side of the square that the subject fills, width and height of the window in it.
+        size: How large the photo is, and the subject in it.
         draw: Source of randomness.
     """
     if draw.random() < _NEAR_AXIS:
@@ -82,11 +96,9 @@ def drawn_camera(vertices: Floats, size: tuple[int, int, int], draw: np.random.G
     return _cropped(whole, vertices, size, draw)
 
 
-def _cropped(
-    whole: Camera, vertices: Floats, size: tuple[int, int, int], draw: np.random.Generator
-) -> Camera:
+def _cropped(whole: Camera, vertices: Floats, size: PhotoSize, draw: np.random.Generator) -> Camera:
     box = Window.around_points(vertices, whole, margin=0)
-    side_px, width, height = size
+    side_px, width, height = size.side_px, size.width_px, size.height_px
     side = int(box.longer_side / draw.uniform(*_FILLED))
     shift = draw.uniform(-0.02, 0.02, 2) * side
     left, top = (
@@ -101,7 +113,7 @@ def _cropped(
 
 
 def drawn_light(camera: Camera, draw: np.random.Generator) -> Light:
-    """Light round the subject of a camera; most of it from the camera's side and from above."""
+    """Light around the subject of a camera; most of it from the camera's side and from above."""
     even = draw.uniform(0.25, 0.9)
     lamps = tuple(_drawn_lamp(camera, draw) for _ in range(draw.choice([1, 1, 2])))
     return Light(

@@ -24,7 +24,13 @@ from harness.geometry.occlusion import lit_share, vertex_openness
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
 from harness.pipeline.inputs.true_parameters import true_parameters
-from harness.pipeline.training.light import Light, drawn_camera, drawn_light, photographed
+from harness.pipeline.training.light import (
+    Light,
+    PhotoSize,
+    drawn_camera,
+    drawn_light,
+    photographed,
+)
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
 from renderers.protocol import texture_of
@@ -45,10 +51,10 @@ class SampleSettings:
     """Which samples are made of a subject.
 
     Attributes:
-        views: How many.
-        side_px: Of the square that the subject fills, as methods crop it.
-        width_px, height_px: Of the window within the square that is kept.
-        seed: Of cameras, light and body errors.
+        views: Number of samples, each of them one photo.
+        side_px: Side of the square that the subject fills, as methods crop it.
+        width_px, height_px: Size of the window within the square that is kept.
+        seed: Seed of cameras, light and body errors.
     """
 
     views: int = 32
@@ -109,7 +115,7 @@ class _Studio:
 
     def sample(self, settings: SampleSettings, seed: int) -> dict[str, NDArray[np.generic]]:
         draw = np.random.default_rng(seed)
-        size = (settings.side_px, settings.width_px, settings.height_px)
+        size = PhotoSize(settings.side_px, settings.width_px, settings.height_px)
         camera = drawn_camera(self._caster.mesh.vertices, size, draw)
         rgb, mask = self._photo(camera, drawn_light(camera, draw), draw)
         fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
