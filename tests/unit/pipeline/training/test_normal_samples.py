@@ -159,7 +159,7 @@ def test_cameras_look_at_the_subject_as_methods_crop_it():
     draw = np.random.default_rng(0)
     behind = 0
     for _ in range(60):
-        camera = drawn_camera(box, (512, 320, 480), draw)
+        camera = drawn_camera(box, PhotoSize(512, 320, 480), draw)
         assert camera.size == (320, 480)
         seen = Window.around_points(box, camera.cropped(-300, -300, 920, 1080), margin=0)
         assert 0.80 * 512 < seen.height < 0.97 * 512
@@ -195,7 +195,7 @@ def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path
     scan, mesh = source.load("p1")
     studio = normal_samples._Studio(scan, mesh, 0)
     light = Light(np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
-    camera = drawn_camera(mesh.vertices, (128, 96, 128), np.random.default_rng(1))
+    camera = drawn_camera(mesh.vertices, PhotoSize(128, 96, 128), np.random.default_rng(1))
     picture, mask = studio._photo(camera, light, np.random.default_rng(1))
     inner = mask & Raycaster(mesh).mask(camera)
     assert picture[inner].max() <= 128 / 255 + 1e-6
