@@ -16,7 +16,14 @@ from harness.geometry.window import Window
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.training.light import Lamp, Light, drawn_camera, drawn_light, photographed
+from harness.pipeline.training.light import (
+    Lamp,
+    Light,
+    PhotoSize,
+    drawn_camera,
+    drawn_light,
+    photographed,
+)
 from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
 from harness.pipeline.training.samples import SampleSettings, make_samples, samples_key
 
