@@ -171,8 +171,12 @@ class Method(Protocol):
 
 
 @runtime_checkable
-class Configurable(Method, Protocol):
-    """A method with settings; one without any need not have this."""
+class Configurable(Protocol):
+    """What a method with settings has besides; a method without any need not have it.
+
+    It is no ``Method`` itself: asking whether a method is one would ask for its ``info``, which
+    fails where a part is missing, though other settings may choose to do without that part.
+    """
 
     def configured(self, parameters: Mapping[str, str]) -> Method:
         """The method with other settings, given as text by ``room.setting``.

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.core.array_files.npz import read_required_arrays
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import RingRig
 from harness.core.formats.mesh_files import load_mesh
@@ -64,8 +65,10 @@ def avatar_sheet(directory: Path, name: str) -> np.ndarray:
     mesh = mesh.transformed(to_centre)
     with Image.open(directory / "material0.jpeg") as image:
         texture = np.asarray(image.convert("RGB"), float) / 255
-    with np.load(directory / "body.npz") as data:
-        body = Mesh(data["vertices"] - middle, data["faces"], source=f"body of {name}")
+    data = read_required_arrays(
+        directory / "body.npz", ("vertices", "faces"), "avatar's body", "Make the avatar again"
+    )
+    body = Mesh(data["vertices"] - middle, data["faces"], source=f"body of {name}")
     outer, inner = Raycaster(mesh), Raycaster(body)
     cameras = RingRig().cameras(*_VIEW_PX)
     above = [_picture(outer, camera, _CLAY, texture) for camera in cameras]
