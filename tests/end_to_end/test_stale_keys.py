@@ -63,6 +63,7 @@ def plan(world: Path, source: Path) -> Callable[..., str]:
     return evaluate
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_line_in_a_used_module_and_in_an_unused_one(source, plan):
     plan(run=True)
     assert "cached" in plan()
