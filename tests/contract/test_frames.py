@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
-import hashlib
-import pickle
-import sys
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -36,44 +31,7 @@ MOST_MM = 2.0
 
 
 #: The figure, its photos and what methods share are worked out once, in one process.
-pytestmark = pytest.mark.xdist_group("frames")
-
-
-def remembering(function: Callable, named: Callable[..., object]) -> Callable:
-    """The function, which works out the same arguments once: ``named`` says which are the same."""
-    known: dict[bytes, object] = {}
-
-    def remembered(*arguments):
-        key = hashlib.sha256(pickle.dumps(named(*arguments))).digest()
-        if key not in known:
-            known[key] = function(*arguments)
-        return copy.deepcopy(known[key])
-
-    return remembered
-
-
-@pytest.fixture(scope="module", autouse=True)
-def shared_work():
-    """What several methods do to the very same numbers is done once.
-
-    Both functions depend on nothing but their arguments, which are compared by content, and a world
-    that is moved gives others.
-    """
-    from methods.body.fit import landmark_fit
-    from methods.normals.onnx_estimator import OnnxNormals
-
-    whole = landmark_fit.fit_each_view
-    # The body is Anny for every method here.
-    fit = remembering(
-        whole, lambda body, views, detections: (type(body).__name__, views, detections)
-    )
-    network = remembering(OnnxNormals.__call__, lambda own, *maps: (own.part.sha256, maps))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(OnnxNormals, "__call__", network)
-        for name, module in list(sys.modules.items()):
-            if name.startswith("methods.") and vars(module).get("fit_each_view") is whole:
-                patch.setattr(module, "fit_each_view", fit)
-        yield
+pytestmark = [pytest.mark.xdist_group("frames"), pytest.mark.usefixtures("shared_fits")]
 
 
 @pytest.fixture(scope="module")
