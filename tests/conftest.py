@@ -7,7 +7,6 @@ import hashlib
 import os
 import pickle
 import signal
-import sys
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -87,7 +86,7 @@ def shared_fits(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
     photos, other cameras or a moved world are worked out. Not for tests of repeatability. The body
     model is told by its class, which has no settings (Anny).
     """
-    from methods.body.fit import landmark_fit
+    from methods.body import fitting
     from methods.normals.onnx_estimator import OnnxNormals
 
     def start_named(body, views, detections, start):
@@ -102,12 +101,8 @@ def shared_fits(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
         ("fit_each_view", lambda body, *more: (type(body).__name__, *more)),
         ("fit_jointly", start_named),
     ):
-        whole = getattr(landmark_fit, name)
-        fit = answers.remembering(whole, named)
-        for module_name, module in list(sys.modules.items()):
-            # It may have been imported by name.
-            if module_name.startswith("methods.") and vars(module).get(name) is whole:
-                monkeypatch.setattr(module, name, fit)
+        fit = answers.remembering(getattr(fitting, name), named)
+        monkeypatch.setattr(fitting, name, fit)
 
 
 @pytest.fixture(scope="session")

@@ -46,7 +46,7 @@ COARSE = """
 from dataclasses import replace
 from methods.hull import VisualHull, hull8
 
-_set = hull8.configured({"voxel_m": "0.02"})
+_set = hull8.configured({"hull.voxel_m": "0.02"})
 coarse = VisualHull(replace(_set.info, name="coarse"), _set.settings)
 """
 
