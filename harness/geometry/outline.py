@@ -80,6 +80,10 @@ class Outline:
         held[framed] = self.mask[rows, columns]
         return held
 
+    def cropped(self, window: Window) -> Outline:
+        """The silhouette in a window inside the picture."""
+        return Outline(window.camera(self.camera), self.coverage[window.slices])
+
     def resized(self, width: int, height: int) -> Outline:
         """The silhouette on other pixels; a larger one is the mean of those that it covers."""
         coverage = resampled(self.coverage, (width, height), "box")
@@ -89,10 +93,13 @@ class Outline:
 def inner_depth_px(mask: Mask) -> Floats:
     """(H, W) distance of the centres of a mask's pixels to its outline, pixels; -0.5 outside.
 
-    Beyond the frame the mask goes on as it is at the border.
+    Beyond the frame the mask goes on as it is at the border. Where it is the whole picture there is
+    no outline, and all is width plus height deep.
     """
     from scipy.ndimage import distance_transform_edt
 
+    if mask.all():
+        return np.full(mask.shape, float(sum(mask.shape)))
     padded = np.pad(mask, 1, mode="edge")
     depth = np.asarray(distance_transform_edt(padded), dtype=np.float64)
     return depth[1:-1, 1:-1] - 0.5

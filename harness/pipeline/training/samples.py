@@ -21,6 +21,7 @@ from harness.core.mesh import Mesh
 from harness.core.process.steps import StepReport
 from harness.geometry.images import load_rgb, packed_normals
 from harness.geometry.occlusion import lit_share, vertex_openness
+from harness.geometry.photo import Picture
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
 from harness.pipeline.inputs.true_parameters import true_parameters
@@ -117,23 +118,21 @@ class _Studio:
         draw = np.random.default_rng(seed)
         size = PhotoSize(settings.side_px, settings.width_px, settings.height_px)
         camera = drawn_camera(self._caster.mesh.vertices, size, draw)
-        rgb, mask = self._photo(camera, drawn_light(camera, draw), draw)
+        photo = self._photo(camera, drawn_light(camera, draw), draw)
         fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
         skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
         body = Raycaster(skin)
         return {
-            "rgb": np.round(255 * rgb).astype(np.uint8),
-            "mask": mask,
+            "rgb": np.round(255 * photo.rgb).astype(np.uint8),
+            "mask": photo.mask,
             "front": packed_normals(self._caster.normals(camera, "near")),
             "back": packed_normals(self._caster.normals(camera, "far")),
             "body_front": packed_normals(body.normals(camera, "near")),
             "body_back": packed_normals(body.normals(camera, "far")),
         }
 
-    def _photo(
-        self, camera: Camera, light: Light, draw: np.random.Generator
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """(H, W, 3) sRGB, black outside, and the mask (H, W), as a working picture has them."""
+    def _photo(self, camera: Camera, light: Light, draw: np.random.Generator) -> Picture:
+        """What a camera sees in a light; black outside the mask, as working views are."""
         n = _SUPERSAMPLE
         fine = camera.resized(camera.width * n, camera.height * n)
         hits = self._caster.cast(fine)
@@ -147,7 +146,7 @@ class _Studio:
         picture = np.zeros_like(straight)
         # Displays blend in sRGB, and so do working pictures: over black, by coverage.
         picture[mask] = photographed(straight[mask], light, draw) * coverage[mask][:, None]
-        return picture, mask
+        return Picture(camera, picture, coverage)
 
     def _radiance(self, hits: Hits, camera: Camera, light: Light) -> Floats:
         """(N, 3) linear light that leaves each hit towards the camera."""

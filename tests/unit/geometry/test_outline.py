@@ -71,6 +71,20 @@ def test_another_size_is_the_mean_of_what_it_covers():
     np.testing.assert_allclose(pixels, full / (4, 2))
 
 
+def test_a_window_has_the_distances_of_the_whole():
+    outline, window = half_plane(12.25), Window(4, 10, 20, 25)
+    part = outline.cropped(window)
+    np.testing.assert_array_equal(part.distance_px, outline.distance_px[10:35, 4:24])
+    point = outline.camera.unproject([(15.0, 20.0)], [2.5])
+    np.testing.assert_allclose(part.distance_m(point), outline.distance_m(point), rtol=1e-6)
+
+
+def test_without_an_outline_all_is_deep_inside_or_far_outside():
+    for coverage, sign in ((1.0, 1), (0.0, -1)):
+        distance = Outline(CAMERA, np.full((SIZE, SIZE), coverage)).distance_px
+        assert (distance == sign * 2 * SIZE).all()
+
+
 def test_depth_counts_from_the_outline_to_pixel_centres():
     mask = np.zeros((9, 9), bool)
     mask[2:7, 2:7] = True

@@ -15,15 +15,20 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
+from harness.geometry import images
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
+from methods.body.photos import detection
+from methods.body.photos.views import load_views
 from methods.body.result import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod
 from methods.econ import econ
 from methods.fit_settings import JMBO
+from methods.hull import hull8
 from methods.mexecon import mexecon2, mexecon8, mexecon_plus, oracle8
+from reports.figures.panels import photo
 
 RADII, CENTRE, CLOTH_M = np.array([0.28, 0.8, 0.2]), np.array([0.04, 0.05, 0.03]), 0.015
 
@@ -132,6 +137,30 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
     assert {"front sheet", "back sheet"} <= set(result.details["part_faces"])  # type: ignore[arg-type]
     for name in ("front_sheet", "back_sheet", "body"):
         assert len(load_mesh(tmp_path / f"{name}.ply").faces) > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [mexecon8, mexecon_plus], ids=lambda m: m.info.name)
+def test_each_photo_is_decoded_once_by_all_that_look_at_it(
+    method, small, capture, tmp_path, monkeypatch
+):
+    """Detector, fit, normals, clothes, the hull beside them and figures; only the fit is known."""
+    decoded, decode = [], images._decoded
+    monkeypatch.setattr(images, "_decoded", lambda path: decoded.append(path) or decode(path))
+    monkeypatch.setattr(images, "_photos", images._Kept())
+    detection._detect.cache_clear()
+    count = detection.COUNT
+    pixels = np.arange(2.0 * count).reshape(-1, 2)
+    person = detection.Reading(pixels, np.ones((count, 3)), np.ones(count), np.ones(2))
+    monkeypatch.setattr(detection, "_detector", lambda: None)
+    monkeypatch.setattr(detection, "_readings", lambda *_: iter([person]))
+    assert load_views(capture, range(8), 100).indices == tuple(range(8))
+    small(method, "oracle").reconstruct(capture, context(tmp_path, keep=False))
+    hull8.configured({"hull.voxel_m": "0.02"}).reconstruct(capture, context(tmp_path))
+    detection.detect(capture, range(8))
+    assert all(photo(capture, view).shape == (480, 270, 3) for view in range(8))
+    detection._detect.cache_clear()
+    assert decoded == [capture.image_path(view) for view in range(8)]
 
 
 @pytest.mark.slow
