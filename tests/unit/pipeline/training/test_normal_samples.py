@@ -203,7 +203,8 @@ def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path
     studio = normal_samples._Studio(scan, mesh, 0)
     light = Light(np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
     camera = drawn_camera(mesh.vertices, PhotoSize(128, 96, 128), np.random.default_rng(1))
-    picture, mask = studio._photo(camera, light, np.random.default_rng(1))
+    photo = studio._photo(camera, light, np.random.default_rng(1))
+    picture, mask = photo.rgb, photo.mask
     inner = mask & Raycaster(mesh).mask(camera)
     assert picture[inner].max() <= 128 / 255 + 1e-6
     assert np.median(picture[inner]) > 0.8 * 128 / 255
