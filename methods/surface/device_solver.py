@@ -10,6 +10,7 @@ from scipy.sparse import csr_array, dia_array
 
 from harness.core.arrays import Singles
 from harness.core.errors import MissingPart
+from methods.surface.reduced_system import ReducedSystem
 
 if TYPE_CHECKING:
     import torch
@@ -39,17 +40,10 @@ def require_device(device: str) -> None:
         )
 
 
-def conjugate_gradients_on(
-    device: str,
-    operators: tuple[dia_array, dia_array],
-    residual: Singles,
-    unscale: Singles,
-    stop: tuple[float, int],
-) -> tuple[Singles, int]:
-    """The x with ``(I - A B) x = residual`` for operators (A, B), and the steps taken.
+def conjugate_gradients_on(device: str, system: ReducedSystem) -> tuple[Singles, int]:
+    """The system's solution (N,) and the steps taken.
 
-    The arithmetic is that of the processor's version, the order of the sums is not. It ends when
-    ``|unscale * remaining residual|`` is below ``stop[0]``, or after ``stop[1]`` steps.
+    The arithmetic is that of the processor's version, the order of the sums is not.
 
     Raises:
         MissingPart: this machine has no such device.
@@ -57,17 +51,18 @@ def conjugate_gradients_on(
     import torch
 
     require_device(device)
-    limit, max_steps = stop
-    left, right = (_on_device(operator, device) for operator in operators)
-    remaining = torch.from_numpy(residual.copy()).to(device)
-    weights = torch.from_numpy(unscale).to(device)
+    left, right = _on_device(system.from_black, device), _on_device(system.from_red, device)
+    remaining = torch.from_numpy(system.residual.copy()).to(device)
+    weights = torch.from_numpy(system.unscale).to(device)
     tiny = torch.tensor(torch.finfo(torch.float32).tiny, device=device)
     solution, direction = torch.zeros_like(remaining), remaining.clone()
     squared = torch.dot(remaining, remaining)
     steps = 0
-    for steps in range(max_steps + 1):
+    for steps in range(system.max_steps + 1):
         reading = steps % _STEPS_BETWEEN_READINGS == 0
-        if steps == max_steps or (reading and float((weights * remaining).norm()) <= limit):
+        if steps == system.max_steps:
+            break
+        if reading and float((weights * remaining).norm()) <= system.limit:
             break
         product = direction - left @ (right @ direction)
         # Once nothing remains, both quotients have to stay finite until the next reading.

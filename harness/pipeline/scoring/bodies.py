@@ -19,6 +19,8 @@ from harness.core.results import BodyErrors, MetricValue
 from harness.core.truth import TrueBody
 from harness.core.units import Unit
 from harness.geometry.raycast import Raycaster
+from methods.body.photos.detection import detect
+from methods.body.photos.views import frame_side_px
 from metrics import body as measure
 
 __all__ = ["body_errors"]
@@ -80,9 +82,6 @@ def _mean(by_view: Sequence[float], unit: Unit) -> MetricValue | None:
 
 
 def _view_errors(body: Body, capture: Capture, scan: Mesh) -> list[_ViewErrors]:
-    from methods.body.photos.detection import detect
-    from methods.body.photos.views import frame_side_px
-
     found = detect(capture, range(len(capture.cameras)))
     ours = Raycaster(Mesh(vertices=body.vertices, faces=body.faces, source="fitted body"))
     theirs = Raycaster(scan.geometry())

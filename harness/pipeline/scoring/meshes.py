@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from harness.core.artifacts import Scan
 from harness.core.mesh import Mesh
 from harness.core.results import Scores
 from harness.core.settings import MetricProtocol
 from harness.core.truth import face_regions
-
-if TYPE_CHECKING:
-    from metrics.score import Misplaced
+from metrics.regions import region_errors
+from metrics.score import Misplaced, score
 
 __all__ = ["mesh_scores"]
 
@@ -36,9 +33,6 @@ def mesh_scores(
     Raises:
         DataError: a mesh that cannot be compared, or labels that are not the scan's.
     """
-    from metrics.regions import region_errors
-    from metrics.score import score
-
     labels = face_regions(scan, truth)
     found = score(predicted, truth, protocol, keep_points=labels is not None, misplaced=misplaced)
     regions = {}
