@@ -15,7 +15,7 @@ _WANTED = ("pose_parameters", "phenotype", "phenotype_names")
 def true_parameters(scan: Scan) -> TrueParameters:
     """What re-creates the subject's Anny body, in the scan's own frame.
 
-    A body that was moved off the model is told by ``off_model_m``: its joints are re-created, its
+    ``off_model_m`` says how far a body was moved off the model: its joints are re-created, its
     surface only to that distance, as far as any fit of the model can come.
 
     Raises:

@@ -1,7 +1,7 @@
 """One method on one subject: what it is lent, and how its result is scored.
 
-All of this decides a record's numbers, and its import closure is in every record's key: what only
-plans, files or times a run does not belong here.
+All of this decides a record's numbers, and the code that it imports counts in every record's key.
+Code that only plans, files or times a run therefore does not belong here.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Truth:
     """What a result is compared with.
 
     Attributes:
-        scan: Where it lies; its labels have been read once.
-        mesh: Its surface, world metres.
+        scan: The scan's files; its labels have been read once.
+        mesh: The scan's surface, world metres.
         body: The true body, where the dataset has it.
     """
 
@@ -52,7 +52,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """The numbers of a result: metrics by id, and what a record tells besides."""
+    """The numbers of a result: metrics by id, and details for readers of the record."""
 
     metrics: Mapping[str, MetricValue]
     details: Mapping[str, object]
@@ -93,9 +93,9 @@ def scores_of(
     # As it is filed: without texture coordinates, whose seams could split its normals. And however
     # large or far away: it is what the method made.
     mesh = result.mesh.geometry()
-    outcome, told = scored(mesh, truth.scan, truth.mesh, protocol, misplaced="tell")
+    outcome, found = scored(mesh, truth.scan, truth.mesh, protocol, misplaced="tell")
     metrics = dict(outcome.metrics)
-    details = {**result.details, **told}
+    details = {**result.details, **found}
     if result.body:
         metrics |= body_metrics(result.body, capture, truth.mesh, truth.body)
     if result.normals:

@@ -1,4 +1,4 @@
-"""What a worker tells of one cell, as it travels from process to process."""
+"""What a worker returns about one cell, as it travels from process to process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class CellResult:
         reason: Why not ``ok``.
         by_method: Whether a failure is the method's own; others never replace a good record.
         metrics, stages, details, files: As in ``Record``.
-        environment: Of the worker; empty where there was none.
+        environment: Where and with what the worker ran; empty where there was none.
     """
 
     status: Status | Literal["changed"]
@@ -39,8 +39,8 @@ class CellResult:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> CellResult:
+    def from_dict(cls, values: Mapping[str, Any]) -> CellResult:
         """The result behind ``to_dict``."""
-        metrics = {name: MetricValue(**value) for name, value in told["metrics"].items()}
-        stages = tuple(StageCost(**stage) for stage in told["stages"])
-        return cls(**{**told, "metrics": metrics, "stages": stages})
+        metrics = {name: MetricValue(**value) for name, value in values["metrics"].items()}
+        stages = tuple(StageCost(**stage) for stage in values["stages"])
+        return cls(**{**values, "metrics": metrics, "stages": stages})
