@@ -112,7 +112,7 @@ def score(
         _score_folder(request, as_json=as_json)
     else:
         raise HarnessError(
-            f"nothing says what {predicted} is to be compared with",
+            f"no truth was named to compare {predicted} with",
             expected="either --gt or --dataset",
             got="both" if gt is not None else "neither",
             hint="Give --gt TRUTH for one mesh, or --dataset NAME --name METHOD for a folder",

@@ -243,7 +243,7 @@ def _place_of(top: str) -> Path:
         return Path(spec.origin)
     raise HarnessError(
         f"the source of the package '{top}' is not there",
-        hint="Records tell the code that made them: install the method as Python files",
+        hint="Records list the code that made them: install the method as Python files",
     )
 
 

@@ -15,7 +15,7 @@ __all__ = ["CaptureJob", "handle"]
 
 @dataclass(frozen=True, slots=True)
 class CaptureJob:
-    """What is to be made of one subject.
+    """What to make of one subject.
 
     Attributes:
         source: The dataset and the recipe, with this subject alone.

@@ -58,7 +58,7 @@ def photograph(
     """One subject's photos, made in a child process if they are not there or stale.
 
     Args:
-        source: Of the subject.
+        source: The dataset and the recipe of the subject.
         subject: Its id.
         progress: Hears of every view.
         timeout_s: How long making them may take; None is no limit.
@@ -79,7 +79,7 @@ def render_all(
     """The photos of all subjects of a source; one that fails does not stop the others.
 
     Args:
-        source: Of the subjects.
+        source: The subjects and their recipe.
         jobs: Subjects at once.
         progress: Hears of every view.
         timeout_s: How long one subject may take; None is no limit.

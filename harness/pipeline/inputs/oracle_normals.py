@@ -20,7 +20,8 @@ class OracleNormals:
 
     Args:
         truth: The scan, world metres.
-        cameras: Of the method's views; crops and other sizes of them are views of the same.
+        cameras: The cameras of the method's views; crops and other sizes of them count as the
+            same views.
     """
 
     def __init__(self, truth: Mesh, cameras: Sequence[Camera]) -> None:

@@ -1,8 +1,8 @@
-"""The sealed split: nobody looks at it without a reason, and every look is written down.
+"""The sealed split: nobody looks at it without a reason, and every look is logged.
 
 A dataset is sealed by ``sealed: true`` in the manifest. Making and rendering it is only announced;
 evaluating it, scoring meshes on it and drawing it needs a reason and adds a line to the log, before
-the work begins, so that a look that is broken off is in the log as well.
+the work begins, so that an interrupted look is in the log as well.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Look:
         subjects: Which of its subjects.
         reason: Why; may be empty where the dataset is not sealed.
         methods: Whose results are seen.
-        recipe: Of the photos; empty where there are none.
+        recipe: Recipe of the photos; empty where there are none.
     """
 
     what: str
@@ -59,7 +59,7 @@ def announce(manifest: Manifest, dataset: str, progress: Progress) -> None:
 
 
 def admit(manifest: Manifest, workspace: Workspace, look: Look, progress: Progress) -> Path | None:
-    """Let a look at a dataset pass; a look at sealed data is announced and logged.
+    """Allow a look at a dataset; a look at sealed data is announced and logged.
 
     Returns:
         The log that a line was added to, or None if the dataset is not sealed.

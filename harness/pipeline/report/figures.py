@@ -1,4 +1,4 @@
-"""Figures of a run: loads photos, scans and meshes, measures errors, hands them to the reports."""
+"""Figures of a run: loads photos, scans and meshes, measures errors, passes them to the reports."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def _record(records: Sequence[Record], method: str, subject: str) -> Record:
 
 
 def _is_rival(record: Record) -> bool:
-    """Whether it has a mesh that was not handed the truth, which has its own place."""
+    """Whether it has a mesh of a method that was not given the truth, which is shown apart."""
     return record.status == "ok" and Privilege.GROUND_TRUTH_MESH not in record.privileges
 
 

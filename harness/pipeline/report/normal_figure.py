@@ -1,4 +1,4 @@
-"""The normals figure of a run: loads maps and scans, compares them, hands them to the reports."""
+"""The normals figure of a run: loads maps and scans, compares them, passes them to the reports."""
 
 from __future__ import annotations
 

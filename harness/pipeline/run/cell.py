@@ -1,7 +1,7 @@
 """One method on one subject: what it is lent, and how its result is scored.
 
-All of this decides a record's numbers, and its import closure is in every record's key: what only
-plans, files or times a run does not belong here.
+All of this decides a record's numbers, and the code that it imports counts in every record's key.
+Code that only plans, files or times a run therefore does not belong here.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Truth:
     """What a result is compared with.
 
     Attributes:
-        scan: Where it lies; its labels have been read once.
-        mesh: Its surface, world metres.
+        scan: The scan's files; its labels have been read once.
+        mesh: The scan's surface, world metres.
         body: The true body, where the dataset has it.
     """
 

@@ -1,4 +1,4 @@
-"""What a worker returns of one cell, as it travels from process to process."""
+"""What a worker returns about one cell, as it travels from process to process."""
 
 from __future__ import annotations
 

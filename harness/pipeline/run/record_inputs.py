@@ -102,7 +102,7 @@ def evaluated(
         module: In which the catalogue has it.
         capture: The photos as they lie on disk.
         scan: Likewise.
-        protocol: Of the metrics.
+        protocol: How results are scored.
         seed: Root seed of the run.
 
     Raises:
@@ -147,7 +147,7 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
 
     Args:
         module: In which the catalogue has it.
-        privileges: Of the method.
+        privileges: What the method is given beyond pixels.
 
     Raises:
         HarnessError: its source is not there.

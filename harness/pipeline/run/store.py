@@ -109,7 +109,7 @@ class CellFolder:
         """Put a record, and the results of the last attempt, in the place of what the cell holds.
 
         Args:
-            record: Of this cell, which is held.
+            record: The new record of this cell, which is held.
             own_failure: Whether a failure is the method's; one that is not leaves a good record.
 
         Raises:

@@ -100,7 +100,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         judges,
         request.training,
         request.directory,
-        lambda steps, line: _tell(progress, steps, line),
+        lambda steps, line: _report(progress, steps, line),
     )
     network, path = Mirrored(trained.network.cpu()), request.directory / "open-normals.onnx"
     export_network(network, path, _about(request, chosen[: -request.held_out]))
@@ -152,7 +152,7 @@ def _is_current(source: Source, subject: str, settings: SampleSettings, path: Pa
     return "key" in found and str(found["key"]) == samples_key(source.locate(subject), settings)
 
 
-def _tell(progress: Progress, steps: int, line: str) -> None:
+def _report(progress: Progress, steps: int, line: str) -> None:
     progress.done(_STEPS, steps)
     if line:
         progress.say(line)

@@ -17,7 +17,7 @@ __all__ = ["SampleJob", "handle"]
 
 @dataclass(frozen=True, slots=True)
 class SampleJob:
-    """Which samples are to be made of one subject.
+    """Which samples to make of one subject.
 
     Attributes:
         source: The dataset, with this subject alone.
