@@ -83,8 +83,8 @@ class VisualHull:
         return Reconstruction(mesh=mesh, details={"voxels": int(field.size)})
 
 
-def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Floats:
-    """(N, 3) lattice points in C order."""
+def _lattice(origin: Floats, counts: tuple[int, ...], step: float) -> Floats:
+    """(N, 3) lattice points in C order; three counts."""
     axes = [origin[axis] + step * np.arange(counts[axis]) for axis in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

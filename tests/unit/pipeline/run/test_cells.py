@@ -11,7 +11,8 @@ import pytest
 from harness.core.artifacts import Body, Reconstruction, StageCost
 from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
-from harness.core.records import MetricValue
+from harness.core.records import Environment
+from harness.core.results import MetricValue, Scores
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
@@ -56,11 +57,11 @@ def test_a_job_is_the_same_on_the_other_side(source: Source, tmp_path: Path) -> 
 def test_a_result_is_the_same_on_the_other_side() -> None:
     result = CellResult(
         "ok",
-        metrics={"chamfer": MetricValue(1.5, "mm", 10, 0.1)},
+        scores=Scores(metrics={"chamfer": MetricValue(1.5, "mm", 10, 0.1)}),
         stages=(StageCost("carve", 0.25, 100.0),),
         details={"note": "a word"},
         files={"mesh.ply": "0"},
-        environment={"cpus": 2},
+        environment=Environment(cpus=2),
     )
     assert CellResult.from_dict(json.loads(json.dumps(result.to_dict()))) == result
 
