@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 
-#: Of the normal and the landmark loss in the total; the silhouette's is 1.
+#: Weights of the normal and the landmark loss in the total; the silhouette's is 1.
 TOTAL_WEIGHTS = {"normal": 0.2, "landmark": 0.1}
 
 

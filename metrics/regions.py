@@ -32,7 +32,7 @@ def region_errors(
         predicted: Errors of the points on the prediction.
         truth: Errors of the points on the true surface.
         surface: The true surface.
-        regions: Of its faces.
+        regions: The region of each of its faces.
     """
     areas = np.linalg.norm(surface.face_normals(), axis=1)
     shares = np.bincount(regions.of_face, areas, len(regions.names)) / areas.sum()

@@ -1,4 +1,4 @@
-"""The values that travel through the house: Scan, Capture, Reconstruction.
+"""The values that stages pass on: Scan, Capture, Reconstruction.
 
 Each is a plain frozen value with a form on disk, so that each stage can be run, resumed, replaced
 or supplied from elsewhere on its own.
@@ -53,13 +53,14 @@ class Scan:
         scan_to_world: (4, 4) similarity from file coordinates to world metres: +Y up, facing +Z,
             bounding box centred at the origin. Under the scale rule ``units`` it is the identity:
             the world is the file's own, and its unit counts as a metre.
-        sha256: Of every file that the scan is made from, by file name.
+        sha256: Digest of every file that the scan is made from, by file name.
         warnings: What a reader of the numbers should know, such as an unusual height.
         body_path: Parameters and vertices of the true body, where the dataset has them.
         labels_path: Per-face region labels, where the dataset has them.
         front_yaw_deg: Where the subject faces in the world, from +Z towards +X; not 0 only under
             the scale rule ``units``, which turns nothing.
-        truth_sha256: Of body and labels, by file name: scores depend on them, photos do not.
+        truth_sha256: Digests of body and labels, by file name: scores depend on them, photos do
+            not.
         reader: ``code`` and ``packages`` that turn the files into metres, as of ``SourceDigest``.
     """
 
@@ -332,7 +333,7 @@ class Reconstruction:
         mesh: Clothed surface, metres, world frame.
         body: The fitted body, for methods that fit one.
         details: Whatever a reader of the record should know, as JSON values.
-        normals: Of the views in which normals were estimated, for methods that do.
+        normals: Maps of the views in which the method estimated normals; empty where it does not.
     """
 
     mesh: Mesh

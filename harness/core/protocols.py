@@ -32,7 +32,7 @@ class Part:
         role: What it is for, such as ``body model``.
         name: What it is, with its version.
         licence: SPDX id or the licence's name.
-        sha256: Of its weights, where it has any.
+        sha256: Digest of its weights, where it has any.
     """
 
     role: str

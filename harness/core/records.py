@@ -42,7 +42,7 @@ class ProtocolStamp:
     name: str
     """As on the command line."""
     version: int | None
-    """Of the protocol; None where others measured and gave none."""
+    """The protocol's digest; None where others measured and gave none."""
     sha: str
     """Content id of all settings; empty likewise."""
     settings: MetricProtocol | None = None

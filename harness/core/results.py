@@ -143,9 +143,9 @@ class FScore:
     """Shares of the points, 0 to 1, that are closer to the other surface than a threshold."""
 
     precision: float
-    """Of the predicted points."""
+    """Share of the predicted points."""
     recall: float
-    """Of the true points."""
+    """Share of the true points."""
     f: float
     """Harmonic mean of both; 0 where both are 0."""
 
@@ -191,7 +191,7 @@ class Diagnostics:
     """By threshold, such as ``5_mm``."""
     normals: NormalSummary
     meshes: Mapping[str, MeshFacts]
-    """Of the ``predicted`` mesh and of the ``truth``."""
+    """Facts about the ``predicted`` mesh and about the ``truth``."""
 
 
 @dataclass(frozen=True, slots=True)

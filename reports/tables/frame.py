@@ -22,7 +22,7 @@ def frame(records: Sequence[Record]) -> pd.DataFrame:
     ``scale_rule``, ``protocol``, ``seed``; after them what they cost: ``wall_s``, ``peak_rss_mib``.
 
     Args:
-        records: Of one run or several; what may be compared is the reader's to see.
+        records: Records of one run or several; the reader decides what may be compared.
     """
     import pandas as pd
 

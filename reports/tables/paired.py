@@ -39,7 +39,7 @@ def paired_table(
     """Each method minus the first, mean over the subjects that both have: a pure function.
 
     Args:
-        records: Of one run.
+        records: Records of one run.
         methods: The first that may be ranked is compared against; by default the records' first.
         subjects: Subjects that count; all of the records' by default.
         interval: Makes a confidence interval of the mean difference.

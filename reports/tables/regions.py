@@ -65,7 +65,7 @@ class _Measure:
     Attributes:
         id: In column ids.
         title: After the region's.
-        unit: Of the numbers.
+        unit: Unit of the numbers.
         digits: Decimals.
         read: The number of one region.
         points: How many points it is a mean of; None if regions add up.

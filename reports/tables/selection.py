@@ -1,4 +1,4 @@
-"""Which records may stand in one table, and what a reader must be told about each method.
+"""Which records may stand in one table, and what a reader must know about each method.
 
 Records of different datasets, recipes, captures or metric protocols never meet; neither do two
 versions of one method. A subject that failed or was never run keeps its place in the count.
@@ -85,7 +85,7 @@ def select(
     """The records that a table is made of, checked and grouped.
 
     Args:
-        records: Of one run.
+        records: Records of one run.
         methods: Rows wanted, in this order; by default all, in the order of their first record.
         subjects: Subjects that count; by default all of the dataset that any method, wanted or not,
             has a record of.

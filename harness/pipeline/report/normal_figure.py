@@ -23,7 +23,7 @@ __all__ = ["normals"]
 def normals(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
     """Normal maps of the first method that has them for all of the source's subjects.
 
-    Of a method with maps in several photos their near sides are shown; of a method with one photo
+    A method with maps in several photos shows their near sides; a method with one photo
     both sides.
 
     Raises:

@@ -25,7 +25,7 @@ class CellResult:
         by_method: Whether a failure is the method's own; others never replace a good record.
         scores: The numbers; none unless ``ok``.
         stages, details, files: As in ``Record``.
-        environment: Of the worker; None where there was none.
+        environment: The worker's; None where there was no worker.
     """
 
     status: Status | Literal["changed"]
