@@ -157,7 +157,7 @@ def _session(path: Path) -> Any:
         ) from error
     options = onnxruntime.SessionOptions()
     if hasattr(os, "sched_getaffinity"):  # on Linux
-        # Set here, because otherwise onnxruntime counts cores that this process is not given, and pins threads there.
+        # Otherwise onnxruntime counts cores that this process is not given and pins threads there.
         options.intra_op_num_threads = len(os.sched_getaffinity(0))
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
