@@ -1,0 +1,91 @@
+"""A closed mesh as a membrane: averages over neighbours, and motions that are smooth along it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from harness.core.arrays import Floats, Ints
+from harness.core.mesh import Mesh
+from harness.geometry.surface import vertex_normals
+
+__all__ = ["Neighbourhood", "unit"]
+
+
+#: Holds vertices without data where they are, against 1 for a point.
+_HOLD = 1e-3
+
+
+def unit(vectors: Floats) -> Floats:
+    """(N, 3) vectors at unit length; nothing stays nothing."""
+    length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return vectors / np.where(length > 0, length, 1.0)[:, None]
+
+
+class Neighbourhood:
+    """Who is beside whom on a mesh."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        from scipy.sparse import csr_array, diags_array
+
+        self.mesh = mesh
+        count = len(mesh.vertices)
+        edges = self._edges()
+        first, second = np.concatenate([edges, edges[:, ::-1]]).T
+        adjacent = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
+        degree = np.asarray(adjacent.sum(axis=1)).ravel()
+        self._mean: Any = diags_array(1.0 / np.maximum(degree, 1.0)) @ adjacent
+        self._stiffness: Any = diags_array(degree) - adjacent
+
+    def _edges(self) -> Ints:
+        """(E, 2) every edge once."""
+        faces = self.mesh.faces.astype(np.int64)
+        ends = np.sort(np.concatenate([faces[:, (0, 1)], faces[:, (1, 2)], faces[:, (2, 0)]]), 1)
+        keys = np.unique(ends[:, 0] * len(self.mesh.vertices) + ends[:, 1])
+        return np.stack(np.divmod(keys, len(self.mesh.vertices)), axis=1)
+
+    @cached_property
+    def areas_m2(self) -> Floats:
+        """(V,) a third of the area of the faces at each vertex."""
+        areas: Floats = np.zeros(len(self.mesh.vertices))
+        np.add.at(areas, self.mesh.faces, self.mesh.face_areas()[:, None] / 3.0)
+        return areas
+
+    def averaged(self, values: Floats, times: int) -> Floats:
+        """(V,) or (V, C) values, half replaced by their neighbours' mean as often as told."""
+        for _ in range(times):
+            values = 0.5 * values + 0.5 * (self._mean @ values)
+        return values
+
+    def smooth_normals(self, times: int) -> Floats:
+        """(V, 3) unit vertex normals, averaged over neighbours as often as told."""
+        normals = vertex_normals(self.mesh)
+        for _ in range(times):
+            normals = unit(0.5 * normals + 0.5 * (self._mean @ normals))
+        return normals
+
+    def motion(self, offsets: Floats, weights: Floats, membrane_m: float) -> Floats:
+        """(V,) the smooth motion t that comes nearest to wanted ones.
+
+        The least of the sum over vertices of area (w (t - o)^2 + 0.001 t^2) plus membrane_m^2 times
+        the squared differences along edges.
+
+        Args:
+            offsets: (V,) the wanted ones, metres.
+            weights: (V,) how much each counts; 0 where nothing is known.
+            membrane_m: Over which length a motion spreads, metres.
+        """
+        from scipy.sparse import diags_array
+        from scipy.sparse.linalg import splu
+
+        diagonal = self.areas_m2 * (weights + _HOLD) + 1e-14
+        matrix = (diags_array(diagonal) + membrane_m**2 * self._stiffness).tocsc()
+        solver: Any = splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        return solver.solve(self.areas_m2 * weights * offsets)

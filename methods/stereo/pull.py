@@ -1,0 +1,173 @@
+"""A closed surface, pulled to the points that photos agree on.
+
+A Poisson surface of the points themselves is rough (normals 20 to 27 degrees off) and open where no
+view agrees; a closed surface that is moved keeps what it has where nothing is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from harness.core.arrays import Floats, Ints, Mask
+from harness.core.mesh import Mesh
+from harness.geometry.raycast import Raycaster
+from methods.stereo.consistency import StereoPoints
+from methods.stereo.evidence import Agreement, agreement
+from methods.stereo.membrane import Neighbourhood
+from methods.stereo.settings import PullRound
+
+__all__ = ["Pulled", "Remesh", "RoundReport", "pull"]
+
+#: A new mesh of a closed surface with edges of about so many metres.
+Remesh = Callable[[Mesh, float], Mesh]
+
+#: A point belongs to a face whose normal is no further from its own (cosine).
+_SAME_WAY = 0.3
+_SMOOTHINGS = 4
+#: Points whose offset differs from the mean at a vertex by more than this do not count there.
+_TRIM_M, _TRIM_SHARE, _TRIMS = 0.004, 0.35, 2
+#: A vertex needs points of at least this weight in all; a whole point at a vertex has weight 1.
+_LEAST_WEIGHT = 0.3
+#: A vertex whose offset differs by more from its neighbourhood's is an outlier.
+_LONE_M, _LONE_SPREAD, _LONE_LEAST = 0.005, 6, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class RoundReport:
+    """What one round did.
+
+    Attributes:
+        vertices: Share of the vertices that had points.
+        believed: How far the offsets were believed on the whole, 0 to 1.
+        error_m: Standard deviation of one group of views' offsets.
+        moved_m: Root mean square of the motion.
+    """
+
+    vertices: float
+    believed: float
+    error_m: float
+    moved_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pulled:
+    """The surface after the rounds, and what each did."""
+
+    mesh: Mesh
+    rounds: tuple[RoundReport, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Contacts:
+    """Points on their way to the mesh: the (N, 3) corners of the faces they meet, the weights of
+    these, how far each point lies from the mesh along the corners' directions, and its group.
+    """
+
+    corners: Ints
+    weights: Floats
+    offsets: Floats
+    group: Mask
+
+
+def pull(mesh: Mesh, points: StereoPoints, rounds: Sequence[PullRound], remesh: Remesh) -> Pulled:
+    """The mesh moved to the points, coarse to fine.
+
+    Args:
+        mesh: Closed, facing outwards, world metres.
+        points: What photos agree on.
+        rounds: One after the other.
+        remesh: Makes the new mesh between rounds.
+    """
+    reports = []
+    for settings in rounds:
+        mesh, report = _round(mesh, points, settings)
+        reports.append(report)
+        if settings.remesh_m:
+            mesh = remesh(mesh, settings.remesh_m)
+    return Pulled(mesh, tuple(reports))
+
+
+def _round(mesh: Mesh, points: StereoPoints, settings: PullRound) -> tuple[Mesh, RoundReport]:
+    around = Neighbourhood(mesh)
+    directions = around.smooth_normals(_SMOOTHINGS)
+    contacts = _contacts(mesh, points, directions, settings)
+    count = len(mesh.vertices)
+    offsets, weight = _trimmed_means(contacts, contacts.weights, count)
+    known = np.clip(weight, 0.0, 1.0) * (weight > _LEAST_WEIGHT)
+    known *= _with_neighbours(offsets, known, around)
+    believed = _held_out(contacts, count, around)
+    motion = around.motion(offsets, known * believed.share, settings.membrane_m)
+    moved = replace(mesh, vertices=mesh.vertices + motion[:, None] * directions)
+    report = RoundReport(
+        vertices=float((known > 0).mean()),
+        believed=believed.overall,
+        error_m=believed.error_m,
+        moved_m=float(np.sqrt((motion**2).mean())),
+    )
+    return moved, report
+
+
+def _contacts(
+    mesh: Mesh, points: StereoPoints, directions: Floats, settings: PullRound
+) -> _Contacts:
+    """Where the points' own normals meet the mesh, the nearer of outwards and inwards."""
+    caster = Raycaster(mesh)
+    way = np.full(len(points), np.inf)
+    face = np.zeros(len(points), dtype=np.int64)
+    second_third = np.zeros((len(points), 2))
+    for sign, reach_m in ((1.0, settings.inward_m), (-1.0, settings.outward_m)):
+        answer = caster.answer(points.positions, sign * points.normals)
+        distance = answer["t_hit"].numpy()
+        normal = answer["primitive_normals"].numpy()
+        same_way = np.einsum("ij,ij->i", normal, points.normals) > _SAME_WAY * np.linalg.norm(
+            normal, axis=1
+        )
+        nearer = same_way & (distance < reach_m) & (distance < way)
+        way[nearer] = distance[nearer]
+        face[nearer] = answer["primitive_ids"].numpy()[nearer]
+        second_third[nearer] = answer["primitive_uvs"].numpy()[nearer]
+    met = np.flatnonzero(np.isfinite(way))
+    corners = mesh.faces[face[met]].astype(np.int64)
+    weights = np.column_stack([1.0 - second_third[met].sum(axis=1), second_third[met]])
+    places = np.einsum("nk,nkc->nc", weights, mesh.vertices[corners])
+    apart = points.positions[met] - places
+    offsets = np.einsum("nc,nkc->nk", apart, directions[corners])
+    return _Contacts(corners, weights, offsets, points.view[met] % 2 == 0)
+
+
+def _trimmed_means(contacts: _Contacts, weights: Floats, count: int) -> tuple[Floats, Floats]:
+    """(V,) offsets, the mean of the points that agree best, and their (V,) weights."""
+    means, total = _means(contacts, weights, count)
+    for _ in range(_TRIMS):
+        middle = means[contacts.corners]
+        limit = np.maximum(_TRIM_M, _TRIM_SHARE * np.abs(middle))
+        kept = weights * (np.abs(contacts.offsets - middle) < limit)
+        means, total = _means(contacts, kept, count)
+    return means, total
+
+
+def _means(contacts: _Contacts, weights: Floats, count: int) -> tuple[Floats, Floats]:
+    at = contacts.corners.ravel()
+    total: Any = np.bincount(at, weights.ravel(), count)
+    means = np.bincount(at, (weights * contacts.offsets).ravel(), count)
+    return means / np.maximum(total, 1e-9), total
+
+
+def _with_neighbours(offsets: Floats, known: Floats, around: Neighbourhood) -> Mask:
+    """(V,) whether an offset is like those beside it."""
+    weight = around.averaged(known, _LONE_SPREAD)
+    mean = around.averaged(known * offsets, _LONE_SPREAD) / np.maximum(weight, 1e-6)
+    return (np.abs(offsets - mean) < _LONE_M) & (weight > _LONE_LEAST)
+
+
+def _held_out(contacts: _Contacts, count: int, around: Neighbourhood) -> Agreement:
+    """How the views of even and of odd number agree on the offsets, each trimmed by itself."""
+    sides = []
+    for group in (contacts.group, ~contacts.group):
+        means, weight = _trimmed_means(contacts, contacts.weights * group[:, None], count)
+        sides.append(np.where(weight > _LEAST_WEIGHT, means, np.nan))
+    return agreement(sides[0], sides[1], around)

@@ -1,0 +1,151 @@
+"""The settings of photo-consistency, each with where its value comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from harness.core.errors import HarnessError
+
+__all__ = ["KeepRules", "MatchSettings", "NarrowSettings", "PullRound", "StereoSettings"]
+
+#: Four rounds from a hull that stands off by centimetres to a surface within a millimetre. Chosen
+#: on the training subject t00021; the last one leaves the mesh as it is.
+_ROUNDS_M = (
+    (0.045, 0.008, 0.006, 0.006),
+    (0.030, 0.012, 0.004, 0.005),
+    (0.015, 0.010, 0.002, 0.005),
+    (0.006, 0.006, 0.0012, 0.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MatchSettings:
+    """How depth maps are searched (PatchMatch with slanted planes, Bleyer 2011).
+
+    Attributes:
+        pixel_m: Photos are made smaller until a pixel spans about this much of the subject. Half
+            the resolution of ``paper8`` spans 2.25 mm: a third of its cost and, because fabric's
+            fine grain is averaged, as many points.
+        flatten_px: Width of the Gaussian whose local mean is taken away, pixels; longer waves are
+            light and shade, which differ between views. Six pixels are wider than the window.
+        radius_px: Half the window; 9 x 9 pixels are 2 cm of the subject.
+        behind_m: How far behind the start surface a depth may lie. A hull stands off by up to 5 cm.
+        before_m: How far before it; a start that holds the subject is hardly ever behind it.
+        tries: Depths that every pixel tries first, one in each part of the range.
+        rounds: Of propagation to the neighbours; a fourth changes fewer than one depth in fifty.
+        best_share: Weight of the better neighbour's cost, so that one occluded view does not spoil
+            what the other shows.
+        aside_m: How far before and behind a depth its sharpness is taken: two to three pixels'
+            shift between views at 45 degrees.
+        seed: Of the random tries.
+    """
+
+    pixel_m: float = 0.00225
+    flatten_px: float = 6.0
+    radius_px: int = 4
+    behind_m: float = 0.05
+    before_m: float = 0.008
+    tries: int = 8
+    rounds: int = 3
+    best_share: float = 0.65
+    aside_m: float = 0.006
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class KeepRules:
+    """Which points of the depth maps are kept.
+
+    Attributes:
+        correlation: Least normalised cross-correlation of a point's own view. Right and wrong
+            matches of training photos separate between 0.7 and 0.8.
+        neighbour_correlation: Least of the neighbour whose map agrees.
+        sharpness: Least rise of the cost a little before and behind. Stripes along the line between
+            two cameras correlate at any depth.
+        depth_m: How far the neighbour's depth may differ.
+        angle_deg: How far its normal may.
+        cell_m: Points are averaged in cells of this size, or of a pixel where that is larger.
+        isolated_m: A point without six others within this distance, or within four pixels, goes.
+    """
+
+    correlation: float = 0.75
+    neighbour_correlation: float = 0.65
+    sharpness: float = 0.05
+    depth_m: float = 0.003
+    angle_deg: float = 40.0
+    cell_m: float = 0.0025
+    isolated_m: float = 0.008
+
+
+@dataclass(frozen=True, slots=True)
+class PullRound:
+    """One round of moving the surface to the points.
+
+    Attributes:
+        inward_m: How far inside the surface a point may lie.
+        outward_m: How far outside.
+        membrane_m: Over which length the motion is smooth.
+        remesh_m: Edge of the new mesh after the round; 0 keeps the mesh.
+    """
+
+    inward_m: float
+    outward_m: float
+    membrane_m: float
+    remesh_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class NarrowSettings:
+    """The search along the surface's normals in full resolution.
+
+    Attributes:
+        reach_m: How far to either side.
+        step_m: Between two offsets.
+        radius: Half the patch, in samples; 11 x 11 samples on the tangent plane.
+        sample_m: Between two samples, or a pixel where that is larger: 1.1 mm is a pixel of
+            ``paper8``.
+        flatten_px: As of ``MatchSettings``, in pixels of the full resolution.
+        correlation: Least correlation at the peak.
+        margin: By how much the peak exceeds every other more than ``apart_m`` away.
+        apart_m: See ``margin``; stripes have a second peak.
+        agree_m: How far the offsets of two pairs of views may differ.
+        membrane_m: As of ``PullRound``.
+        facing: Least cosine between a vertex' normal and the direction to either view.
+    """
+
+    reach_m: float = 0.006
+    step_m: float = 0.0005
+    radius: int = 5
+    sample_m: float = 0.0011
+    flatten_px: float = 10.0
+    correlation: float = 0.8
+    margin: float = 0.2
+    apart_m: float = 0.003
+    agree_m: float = 0.0015
+    membrane_m: float = 0.0012
+    facing: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class StereoSettings:
+    """All of them.
+
+    Attributes:
+        match: The depth maps.
+        keep: The points.
+        pulls: The rounds.
+        narrow: The search that finishes.
+    """
+
+    match: MatchSettings = field(default_factory=MatchSettings)
+    keep: KeepRules = field(default_factory=KeepRules)
+    pulls: tuple[PullRound, ...] = tuple(PullRound(*row) for row in _ROUNDS_M)
+    narrow: NarrowSettings = field(default_factory=NarrowSettings)
+
+    def __post_init__(self) -> None:
+        if self.match.radius_px < 1 or self.match.tries < 1 or self.narrow.radius < 1:
+            raise HarnessError(
+                "stereo cannot search with these settings",
+                expected="windows of at least 3 x 3 and one try",
+                got=str(self.match),
+            )

@@ -1,0 +1,74 @@
+"""Photo-consistency from end to end: photos and a start surface to a finished surface."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from harness.core.arrays import Floats
+from harness.core.mesh import Mesh
+from methods.stereo.consistency import StereoPoints, consistent_points
+from methods.stereo.narrow import narrowed
+from methods.stereo.neighbours import neighbours, pairs
+from methods.stereo.patchmatch import DepthMap, StartSurface, depth_map
+from methods.stereo.pull import RoundReport
+from methods.stereo.settings import StereoSettings
+from methods.stereo.views import Contrast, StereoView, contrast, reduction
+
+__all__ = ["finished", "pixel_span_m", "stereo_points"]
+
+
+def stereo_points(
+    views: Sequence[StereoView], start: Mesh, settings: StereoSettings
+) -> StereoPoints:
+    """The points that neighbouring photos agree on around a start surface, world metres.
+
+    Args:
+        views: Two or more; views without a neighbour at 10 to 65 degrees give none.
+        start: Closed, facing outwards, within 5 cm outside of the subject.
+        settings: How.
+    """
+    centre = start.bounds.mean(axis=0)
+    match = settings.match
+    photos = [
+        contrast(view, reduction(view.camera, centre, match.pixel_m), match.flatten_px)
+        for view in views
+    ]
+    beside = neighbours([photo.camera for photo in photos], centre)
+    surface = StartSurface(start)
+
+    def found(view: int) -> DepthMap | None:
+        return depth_map(view, photos, beside[view], surface, match)
+
+    matched = [view for view, others in enumerate(beside) if others]
+    # Views do not wait for each other, and the kernels leave Python to other threads.
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        maps = dict(zip(matched, threads.map(found, matched), strict=True))
+    held = {view: each for view, each in maps.items() if each is not None}
+    return consistent_points(held, settings.keep, pixel_span_m(photos, centre))
+
+
+def finished(
+    mesh: Mesh, views: Sequence[StereoView], settings: StereoSettings
+) -> tuple[Mesh, RoundReport]:
+    """The mesh after one narrow search in full resolution, and what it did."""
+    centre = mesh.bounds.mean(axis=0)
+    narrow = settings.narrow
+    photos = [
+        contrast(view, reduction(view.camera, centre, narrow.sample_m), narrow.flatten_px)
+        for view in views
+    ]
+    beside = neighbours([photo.camera for photo in photos], centre)
+    return narrowed(mesh, photos, pairs(beside), narrow, pixel_span_m(photos, centre))
+
+
+def pixel_span_m(photos: Sequence[Contrast], centre: Floats) -> float:
+    """What a pixel spans of a subject at ``centre`` (3,), the median over the photos, metres."""
+    spans = []
+    for photo in photos:
+        _, depth = photo.camera.project(centre[None])
+        spans.append(float(depth[0]) / photo.camera.K[0, 0])
+    return float(np.median(spans))

@@ -1,0 +1,48 @@
+"""The narrow search on a textured sphere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.core.mesh import Mesh
+from methods.stereo.settings import StereoSettings
+from methods.stereo.surface import finished
+from tests.unit.methods.stereo.conftest import CAMERAS, RADIUS, grain, photographs, plain
+
+SETTINGS = StereoSettings()
+
+
+def scaled(mesh: Mesh, by_m: float) -> Mesh:
+    return Mesh(mesh.vertices * (RADIUS + by_m) / RADIUS, mesh.faces)
+
+
+def off_mm(mesh: Mesh) -> np.ndarray:
+    """Of what two neighbouring views of the horizontal ring see well."""
+    band = np.abs(mesh.vertices[:, 1]) < 0.6 * RADIUS
+    return 1e3 * np.abs(np.linalg.norm(mesh.vertices[band], axis=1) - RADIUS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_m", [0.003, -0.003])
+def test_a_few_millimetres_are_taken_back(sphere, textured, by_m):
+    mesh, report = finished(scaled(sphere, by_m), textured, SETTINGS)
+    assert np.quantile(off_mm(mesh), 0.95) < 0.8
+    assert report.vertices > 0.5
+    assert report.believed > 0.9
+
+
+@pytest.mark.slow
+def test_a_plain_sphere_stays(sphere):
+    start = scaled(sphere, 0.003)
+    mesh, report = finished(start, photographs(sphere, CAMERAS, plain, 2.0), SETTINGS)
+    np.testing.assert_allclose(mesh.vertices, start.vertices, atol=1e-4)
+    assert report.vertices < 0.01
+
+
+@pytest.mark.slow
+def test_without_neighbours_nothing_moves(sphere):
+    views = photographs(sphere, (CAMERAS[0], CAMERAS[4]), grain)
+    mesh, report = finished(sphere, views, SETTINGS)
+    np.testing.assert_array_equal(mesh.vertices, sphere.vertices)
+    assert report.moved_m == 0.0
