@@ -13,7 +13,8 @@ from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from methods.stereo.evidence import agreement
-from methods.stereo.kernels import Pair, Patches, band_search, device_array, launch
+from methods.stereo.kernels import device_array, launch
+from methods.stereo.kernels.band import Pair, Patches, band_search
 from methods.stereo.membrane import Neighbourhood
 from methods.stereo.patchmatch import window_weights
 from methods.stereo.pull import RoundReport

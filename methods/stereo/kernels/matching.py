@@ -1,11 +1,4 @@
-"""The two inner loops, compiled for the CPU by Warp: correlation of patches under a plane.
-
-Numpy would take minutes: eight photos need about three thousand million bilinear samples, each at a
-place that depends on the one before. Warp comes with the body model; its kernels compile in a few
-seconds on the first run and are kept in the user's cache folder (``WARP_CACHE_PATH`` moves it).
-
-Warp reads its own language from the functions below, so they are plainer than Python elsewhere.
-"""
+"""PatchMatch's inner loop: the cost of a plane at a pixel, and who tries which planes."""
 
 # Types are Warp's own here, and no type checker knows its language.
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportGeneralTypeIssues=false
@@ -14,60 +7,21 @@ Warp reads its own language from the functions below, so they are plainer than P
 
 from __future__ import annotations
 
-import os
-from typing import Any
-
-import numpy as np
 import warp as wp
 
+from methods.stereo.kernels.sampling import Sums, bilinear, correlated, inside
+
 __all__ = [
-    "Pair",
-    "Patches",
     "Planes",
     "Reference",
     "Sources",
     "Turn",
-    "band_search",
-    "device_array",
-    "launch",
     "match_first",
     "match_round",
     "match_sharpness",
 ]
 
-_DEVICE = "cpu"
-
-
-def _started() -> None:
-    """Start Warp without a word: it would tell on standard error that there is no GPU driver."""
-    wp.config.log_level = wp.LOG_ERROR
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nothing, 2)
-        wp.init()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
-
-
-_started()
 wp.set_module_options({"enable_backward": False})
-
-
-def device_array(values: Any, kind: Any) -> Any:
-    """A copy of an array in Warp's memory, as single precision, integers or vectors."""
-    plain = np.int32 if kind in (wp.int32, wp.vec2i) else np.float32
-    return wp.array(np.ascontiguousarray(values, dtype=plain), dtype=kind, device=_DEVICE)
-
-
-def launch(kernel: Any, count: int, arguments: list[Any]) -> None:
-    """Run a kernel for each of ``count`` indices, in order, on the thread that calls."""
-    wp.launch(kernel, dim=count, inputs=arguments, device=_DEVICE)
-
-
-#: Sums over a window: weights, a, b, a a, b b, a b.
-Sums = wp.types.vector(length=6, dtype=wp.float32)
 
 
 @wp.struct
@@ -128,67 +82,6 @@ class Plane:
     depth: wp.float32
     normal: wp.vec3
     cost: wp.float32
-
-
-@wp.struct
-class Pair:
-    """Two pictures with their 3 x 4 projections, row by row, and the variances of their noise."""
-
-    images: wp.array3d[wp.float32]
-    projections: wp.array2d[wp.float32]
-    floors: wp.array[wp.float32]
-
-
-@wp.struct
-class Patches:
-    """Where the narrow search looks: patches on tangent planes, moved along normals."""
-
-    points: wp.array[wp.vec3]
-    normals: wp.array[wp.vec3]
-    offsets: wp.array[wp.float32]
-    weights: wp.array2d[wp.float32]
-    radius: wp.int32
-    sample_m: wp.float32
-
-
-@wp.func
-def bilinear(images: wp.array3d[wp.float32], view: int, x: float, y: float) -> float:
-    """A picture's value at a pixel coordinate; far below zero beside the subject."""
-    fx = x - 0.5
-    fy = y - 0.5
-    if fx < 0.0 or fy < 0.0:
-        return float(-100.0)
-    column = int(fx)
-    row = int(fy)
-    if column >= images.shape[2] - 1 or row >= images.shape[1] - 1:
-        return float(-100.0)
-    right = fx - float(column)
-    down = fy - float(row)
-    a = images[view, row, column]
-    b = images[view, row, column + 1]
-    c = images[view, row + 1, column]
-    d = images[view, row + 1, column + 1]
-    if wp.min(wp.min(a, b), wp.min(c, d)) < -50.0:
-        return float(-100.0)
-    top = a + right * (b - a)
-    bottom = c + right * (d - c)
-    return top + down * (bottom - top)
-
-
-@wp.func
-def inside(image: wp.array2d[wp.float32], x: int, y: int) -> bool:
-    """Whether a pixel lies in the picture."""
-    return x >= 0 and y >= 0 and x < image.shape[1] and y < image.shape[0]
-
-
-@wp.func
-def correlated(sums: Sums, first_floor: float, second_floor: float) -> float:
-    """Normalised cross-correlation from sums; less texture than noise makes it small."""
-    ma = sums[1] / sums[0]
-    mb = sums[2] / sums[0]
-    va = wp.max(sums[3] / sums[0] - ma * ma, first_floor)
-    vb = wp.max(sums[4] / sums[0] - mb * mb, second_floor)
-    return (sums[5] / sums[0] - ma * mb) / wp.sqrt(va * vb)
 
 
 @wp.func
@@ -378,60 +271,3 @@ def match_sharpness(
     nearer = cost_of(reference, sources, x, y, z - aside_m, n)
     further = cost_of(reference, sources, x, y, z + aside_m, n)
     sharpness[y, x] = wp.min(nearer, further) - c
-
-
-@wp.func
-def seen_at(P: wp.array2d[wp.float32], view: int, X: wp.vec3) -> wp.vec2:
-    """Where a view sees a world point, pixels."""
-    a = P[view, 0] * X[0] + P[view, 1] * X[1] + P[view, 2] * X[2] + P[view, 3]
-    b = P[view, 4] * X[0] + P[view, 5] * X[1] + P[view, 6] * X[2] + P[view, 7]
-    c = P[view, 8] * X[0] + P[view, 9] * X[1] + P[view, 10] * X[2] + P[view, 11]
-    return wp.vec2(a / c, b / c)
-
-
-@wp.func
-def patch_correlation(
-    pair: Pair, patches: Patches, centre: wp.vec3, u: wp.vec3, w: wp.vec3
-) -> float:
-    """Correlation of two pictures on a patch spanned by u and w, metres from centre to edge."""
-    R = patches.radius
-    parts = 1.0 / float(R)
-    # Both projections are affine over a patch of a centimetre.
-    a0 = seen_at(pair.projections, 0, centre)
-    au = (seen_at(pair.projections, 0, centre + u) - a0) * parts
-    aw = (seen_at(pair.projections, 0, centre + w) - a0) * parts
-    b0 = seen_at(pair.projections, 1, centre)
-    bu = (seen_at(pair.projections, 1, centre + u) - b0) * parts
-    bw = (seen_at(pair.projections, 1, centre + w) - b0) * parts
-    sums = Sums()
-    lost = int(0)
-    for r in range(-R, R + 1):
-        for q in range(-R, R + 1):
-            pa = a0 + float(r) * aw + float(q) * au
-            pb = b0 + float(r) * bw + float(q) * bu
-            a = bilinear(pair.images, 0, pa[0], pa[1])
-            b = bilinear(pair.images, 1, pb[0], pb[1])
-            if a > -50.0 and b > -50.0:
-                g = patches.weights[r + R, q + R]
-                sums += Sums(g, g * a, g * b, g * a * a, g * b * b, g * a * b)
-            else:
-                lost += 1
-    if 5 * lost > 2 * (2 * R + 1) * (2 * R + 1):
-        return float(-1.0)
-    return correlated(sums, pair.floors[0], pair.floors[1])
-
-
-@wp.kernel
-def band_search(pair: Pair, patches: Patches, curve: wp.array2d[wp.float32]):
-    """Correlation of two pictures' patches on the tangent plane, for each point and offset."""
-    i = wp.tid()
-    n = patches.normals[i]
-    up = wp.vec3(0.0, 1.0, 0.0)
-    if wp.abs(n[1]) > 0.9:
-        up = wp.vec3(1.0, 0.0, 0.0)
-    half = patches.sample_m * float(patches.radius)
-    u = half * wp.normalize(wp.cross(up, n))
-    w = wp.cross(n, u)
-    for k in range(patches.offsets.shape[0]):
-        centre = patches.points[i] + patches.offsets[k] * n
-        curve[i, k] = patch_correlation(pair, patches, centre, u, w)
