@@ -8,14 +8,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from harness.core.artifacts import Capture, Scan, image_name
+from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import write_transforms_json
 from harness.core.files.atomic import atomic_directory, write_json
-from harness.core.files.hashing import content_hash, file_sha256
+from harness.core.files.hashing import content_hash, derive_seed, file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
 from harness.core.process.steps import StepReport, silent
 from harness.core.settings import RenderRecipe
 from renderers.catalog import RENDERERS
+from renderers.photography import calibrated, reprojection_px, take_photos
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import Renderer, RenderOutcome, texture_of
 
@@ -107,9 +109,13 @@ def capture(
     with atomic_directory(directory) as folder:
         started = time.perf_counter()
         outcome = renderer.render(mesh, recipe, folder, progress)
+        if recipe.photo is not None and recipe.photo.changes_pictures:
+            seed = derive_seed(recipe.seed, scan.subject)
+            take_photos(folder, len(cameras), recipe.photo, seed)
         rendered = time.perf_counter()
         proofs = prove(mesh, cameras, folder)
         require_proof(proofs, recipe.minimum_mask_iou, f"'{scan.subject}'")
+        given = _given_cameras(scan, mesh, recipe)
         inputs = replace(planned, device=outcome.device_kind)
         timings = {"render_s": rendered - started, "proof_s": time.perf_counter() - rendered}
         result = Capture(
@@ -118,15 +124,37 @@ def capture(
             recipe=recipe.name,
             key=inputs.key,
             directory=directory,
-            cameras=cameras,
+            cameras=given,
             front_yaw_deg=scan.front_yaw_deg,
             warnings=(*scan.warnings, *cut_warnings(proofs), *outcome.warnings),
             provenance=_provenance(scan, inputs, outcome, proofs)
+            | _calibration(mesh, cameras, given)
             | {"timings": timings, "images": {name: file_sha256(folder / name) for name in images}},
         )
-        write_transforms_json(folder / "transforms.json", cameras, images)
+        write_transforms_json(folder / "transforms.json", given, images)
         write_json(folder / "capture.json", result.to_dict())
     return result
+
+
+def _given_cameras(scan: Scan, mesh: Mesh, recipe: RenderRecipe) -> tuple[Camera, ...]:
+    """The cameras that methods are given: exact, or as the recipe's calibration finds them."""
+    if recipe.photo is None:
+        return recipe.cameras()
+    seed = derive_seed(recipe.seed, scan.subject)
+    return calibrated(recipe.cameras(), mesh.bounds, recipe.photo.calibration_px, seed)
+
+
+def _calibration(
+    mesh: Mesh, exact: tuple[Camera, ...], given: tuple[Camera, ...]
+) -> dict[str, object]:
+    """The exact cameras, which the proof is of, and how far off the given ones are, if any is."""
+    pairs = list(zip(exact, given, strict=True))
+    if all(a.to_dict() == b.to_dict() for a, b in pairs):
+        return {}
+    return {
+        "exact_cameras": [camera.to_dict() for camera in exact],
+        "calibration_px": [reprojection_px(a, b, mesh.bounds) for a, b in pairs],
+    }
 
 
 def _provenance(

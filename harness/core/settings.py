@@ -14,6 +14,7 @@ from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.hashing import content_hash
+from harness.core.photography import PhotoFaults
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -105,6 +106,7 @@ class RenderRecipe:
         denoise: Whether the renderer's denoiser runs on colour (alpha is never denoised).
         seed: Seed of the light paths.
         minimum_mask_iou: The proof: least IoU of alpha and ray-cast mask in any view.
+        photo: How photos and cameras differ from exact ones; None takes exact ones.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -120,14 +122,18 @@ class RenderRecipe:
     denoise: bool = True
     seed: int = 0
     minimum_mask_iou: float = 0.995
+    photo: PhotoFaults | None = None
 
     def cameras(self) -> tuple[Camera, ...]:
-        """The recipe's cameras, in order of view."""
+        """The recipe's exact cameras, in order of view."""
         return self.rig.cameras(self.width, self.height)
 
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return asdict(self)
+        """Plain JSON values; without ``photo`` where photos are exact."""
+        values: dict[str, object] = asdict(self)
+        if self.photo is None:
+            del values["photo"]
+        return values
 
     @property
     def sha(self) -> str:

@@ -8,11 +8,15 @@ import pytest
 
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError
+from harness.core.photography import PhotoFaults
 from harness.core.settings import MetricProtocol, RenderRecipe, overridden
 
 RECIPE = RenderRecipe(name="quick8", rig=RingRig(), width=270, height=480)
 PROTOCOL = MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
-OTHER = {"str": "other", "int": 7, "float": 0.25, "bool": False, "RingRig": RingRig(views=4)}
+OTHER = {
+    **{"str": "other", "int": 7, "float": 0.25, "bool": False, "RingRig": RingRig(views=4)},
+    "NoneType": PhotoFaults(noise=1.0),
+}
 
 
 @pytest.mark.parametrize("settings", [RECIPE, PROTOCOL], ids=["recipe", "protocol"])
