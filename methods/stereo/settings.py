@@ -6,7 +6,14 @@ from dataclasses import dataclass, field
 
 from harness.core.errors import HarnessError
 
-__all__ = ["KeepRules", "MatchSettings", "NarrowSettings", "PullRound", "StereoSettings"]
+__all__ = [
+    "KeepRules",
+    "MatchSettings",
+    "NarrowSettings",
+    "PullRound",
+    "StereoSettings",
+    "near_settings",
+]
 
 #: Four rounds from a hull that stands off by centimetres to a surface within a millimetre. Chosen
 #: on the training subject t00021; the last one leaves the mesh as it is.
@@ -14,6 +21,12 @@ _ROUNDS_M = (
     (0.045, 0.008, 0.006, 0.006),
     (0.030, 0.012, 0.004, 0.005),
     (0.015, 0.010, 0.002, 0.005),
+    (0.006, 0.006, 0.0012, 0.0),
+)
+#: From a surface that other evidence made, which is as often inside as outside.
+_NEAR_ROUNDS_M = (
+    (0.030, 0.015, 0.004, 0.005),
+    (0.015, 0.012, 0.002, 0.005),
     (0.006, 0.006, 0.0012, 0.0),
 )
 
@@ -149,3 +162,14 @@ class StereoSettings:
                 expected="windows of at least 3 x 3 and one try",
                 got=str(self.match),
             )
+
+
+def near_settings() -> StereoSettings:
+    """Settings for a start that is within centimetres on either side, such as a fused surface.
+
+    Searched from 15 mm before it to 30 mm behind, and pulled in three rounds.
+    """
+    return StereoSettings(
+        match=MatchSettings(behind_m=0.030, before_m=0.015),
+        pulls=tuple(PullRound(*row) for row in _NEAR_ROUNDS_M),
+    )
