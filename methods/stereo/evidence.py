@@ -5,7 +5,8 @@ group of views say a and another b of the same vertex, both the true offset plus
 own. The mean square of a - b is twice the variance of the errors, that of a and b the variance of
 the truth plus once that of the errors; the share of the truth in (a + b) / 2 follows from the two
 (Wiener's weight). Noise, wrong cameras, stripes and skin without texture all lower it by
-themselves, and where the groups contradict each other nothing moves.
+themselves, and where the groups contradict each other nothing moves. What all views have in common
+is not seen: cameras that are wrong by several pixels, but agree, shift the surface with them.
 """
 
 from __future__ import annotations
