@@ -14,7 +14,11 @@ from harness.core.settings import MetricProtocol, RenderRecipe, overridden
 RECIPE = RenderRecipe(name="quick8", rig=RingRig(), width=270, height=480)
 PROTOCOL = MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
 OTHER = {
-    **{"str": "other", "int": 7, "float": 0.25, "bool": False, "RingRig": RingRig(views=4)},
+    "str": "other",
+    "int": 7,
+    "float": 0.25,
+    "bool": False,
+    "RingRig": RingRig(views=4),
     "NoneType": PhotoFaults(noise=1.0),
 }
 
