@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from methods.nview.outlines import SignedOutline, signed_outline
 
-__all__ = ["FusionView", "NormalTargets", "checked_views", "fusion_view"]
+__all__ = ["MOST_VIEWS", "FusionView", "NormalTargets", "checked_views", "fusion_view"]
 
 #: Fewer silhouettes leave most of the hull's surface free.
 LEAST_VIEWS = 3
@@ -69,6 +69,10 @@ class FusionView:
     outline: SignedOutline
     targets: NormalTargets | None = None
     photo: Callable[[], Bytes] | None = None
+
+    def with_targets(self, targets: NormalTargets) -> FusionView:
+        """The same view with other normals."""
+        return replace(self, targets=targets)
 
 
 def fusion_view(
