@@ -7,18 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Singles
 from harness.core.mesh import Mesh
 from methods.nview.lattices import remeshed
-from methods.nview.rims import RimRules, outside_rows, rim_rows
+from methods.nview.rims import SLACK_M, RimRules, outside_rows, rim_rows
 from methods.nview.settings import FusionSettings
+from methods.nview.start import hull_distance
 from methods.nview.surfaces import Surface, smoothed_along, unit, vertex_sums
 from methods.nview.system import MoveProblem, SingleRows, slope_rows
 from methods.nview.targets import FusedTargets, check_not_flipped, fused_targets
 from methods.nview.views import FusionView
+from methods.surface.fusion import one_piece
 
 __all__ = ["Fused", "RoundReport", "fused_surface", "moved_once"]
 
+#: The surface rests where its vertices move by less than this in a round, millimetres, by root mean
+#: square: a fiftieth of an edge.
+_REST_MM = 0.1
 #: Weight of the mesh's own normal against a believed target's in the contour.
 _OWN_SHARE = 0.3
 #: Every face asks for its own smoothed slope by at least this.
@@ -77,13 +82,28 @@ def fused_surface(start: Mesh, views: Sequence[FusionView], settings: FusionSett
     """
     surface = Surface(start)
     check_not_flipped(surface, views)
-    reports = []
+    reports: list[RoundReport] = []
     for number in range(settings.rounds):
         surface, report = moved_once(surface, views, settings, number)
         reports.append(report)
-        if settings.is_remade_after(number):
-            surface = Surface(remeshed(surface.mesh, settings.voxel_m))
-    return Fused(remeshed(surface.mesh, settings.voxel_m), tuple(reports))
+        step_m = settings.remade_step_m(number)
+        if step_m is not None:
+            surface = Surface(remeshed(surface.mesh, step_m))
+        elif report.moved_mm < _REST_MM and number >= settings.deflation_rounds:
+            break
+    return Fused(_finished(surface.mesh, views, settings), tuple(reports))
+
+
+def _finished(mesh: Mesh, views: Sequence[FusionView], settings: FusionSettings) -> Mesh:
+    """The surface made anew: closed, free of crossings, inside all outlines."""
+    if settings.outlines == "off":
+        return one_piece(remeshed(mesh, settings.fine_m))
+    outlines = [view.outline for view in views]
+
+    def within(points: Floats) -> Singles:
+        return hull_distance(outlines, points) + np.float32(SLACK_M)
+
+    return one_piece(remeshed(mesh, settings.fine_m, within))
 
 
 def moved_once(

@@ -7,6 +7,7 @@ overlap it is 2, which is inside as 1 is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,47 +79,51 @@ def winding(mesh: Mesh, lattice: Lattice) -> NDArray[np.int8]:
     Counted from the crossings along the lattice's columns; the median of three directions, because
     a ray in single precision may slip through an edge.
     """
-    import open3d as o3d
-
-    scene: Any = o3d.t.geometry.RaycastingScene()
-    tensor: Any = o3d.core.Tensor
-    centre = mesh.bounds.mean(axis=0)
-    scene.add_triangles(
-        tensor((mesh.vertices - centre).astype(np.float32)), tensor(mesh.faces.astype(np.uint32))
-    )
-    normals = mesh.face_normals()
-    counts = [_counted(scene, lattice, centre, normals, axis) for axis in range(3)]
-    first, second, third = counts
+    crossings = _Crossings(mesh)
+    first, second, third = (crossings.counted(lattice, axis) for axis in range(3))
     return np.maximum(np.minimum(first, second), np.minimum(np.maximum(first, second), third))
 
 
-def _counted(
-    scene: Any, lattice: Lattice, centre: Floats, normals: Floats, axis: int
-) -> NDArray[np.int8]:
-    """The winding numbers along one axis, summed from its low end."""
-    import open3d as o3d
+class _Crossings:
+    """Where straight lines cross a mesh, and in which direction."""
 
-    across = [other for other in range(3) if other != axis]
-    first, second = np.meshgrid(*(lattice.axis(other) for other in across), indexing="ij")
-    start_m = lattice.origin[axis] - _BEFORE_M
-    rays = np.zeros((first.size, 6))
-    rays[:, across[0]], rays[:, across[1]], rays[:, axis] = first.ravel(), second.ravel(), start_m
-    rays[:, :3] -= centre
-    rays[:, 3 + axis] = 1.0
-    tensor: Any = o3d.core.Tensor
-    answer = scene.list_intersections(tensor(rays.astype(np.float32)))
-    column = answer["ray_ids"].numpy().astype(np.int64)
-    face = answer["primitive_ids"].numpy().astype(np.int64)
-    way_m = answer["t_hit"].numpy() - _BEFORE_M
-    length = lattice.shape[axis]
-    cell = np.clip(np.ceil(way_m / lattice.step_m).astype(np.int64), 0, length - 1)
-    # Into the solid where the face looks back along the ray.
-    entering = normals[face, axis] < 0
-    sums = np.zeros((first.size, length), dtype=np.int8)
-    np.add.at(sums, (column, cell), np.where(entering, 1, -1).astype(np.int8))
-    np.cumsum(sums, axis=1, dtype=np.int8, out=sums)
-    shape = (*(lattice.shape[other] for other in across), length)
-    return np.moveaxis(sums.reshape(shape), 2, axis)
+    def __init__(self, mesh: Mesh) -> None:
+        import open3d as o3d
+
+        self._scene: Any = o3d.t.geometry.RaycastingScene()
+        self._tensor: Any = o3d.core.Tensor
+        self._bounds = mesh.bounds
+        # Embree computes in single precision: the mesh is moved to the origin.
+        self._centre = self._bounds.mean(axis=0)
+        self._scene.add_triangles(
+            self._tensor((mesh.vertices - self._centre).astype(np.float32)),
+            self._tensor(mesh.faces.astype(np.uint32)),
+        )
+        self._normals = mesh.face_normals()
+
+    def counted(self, lattice: Lattice, axis: int) -> NDArray[np.int8]:
+        """The winding numbers of a lattice, summed along one axis from before the mesh."""
+        across = [other for other in range(3) if other != axis]
+        first, second = np.meshgrid(*(lattice.axis(other) for other in across), indexing="ij")
+        start_m = min(self._bounds[0, axis], lattice.origin[axis]) - _BEFORE_M
+        rays = np.zeros((first.size, 6))
+        rays[:, across[0]], rays[:, across[1]] = first.ravel(), second.ravel()
+        rays[:, axis] = start_m
+        rays[:, :3] -= self._centre
+        rays[:, 3 + axis] = 1.0
+        answer = self._scene.list_intersections(self._tensor(rays.astype(np.float32)))
+        way_m = answer["t_hit"].numpy() + (start_m - lattice.origin[axis])
+        length = lattice.shape[axis]
+        # One more cell holds what is crossed behind the lattice.
+        cell = np.clip(np.ceil(way_m / lattice.step_m).astype(np.int64), 0, length)
+        # Into the solid where the face looks back along the ray.
+        entering = self._normals[answer["primitive_ids"].numpy().astype(np.int64), axis] < 0
+        sums = np.zeros((first.size, length + 1), dtype=np.int8)
+        column = answer["ray_ids"].numpy().astype(np.int64)
+        np.add.at(sums, (column, cell), np.where(entering, 1, -1).astype(np.int8))
+        np.cumsum(sums, axis=1, dtype=np.int8, out=sums)
+        shape = (*(lattice.shape[other] for other in across), length + 1)
+        return np.moveaxis(sums.reshape(shape)[..., :length], 2, axis)
 
 
 def signed_distance(mesh: Mesh, lattice: Lattice, reach_m: float) -> Singles:
@@ -169,11 +174,23 @@ def contoured(lattice: Lattice, field: Singles, source: str) -> Mesh:
     return largest_component(mesh)
 
 
-def remeshed(mesh: Mesh, step_m: float) -> Mesh:
-    """The surface of what a closed mesh encloses, with edges of about ``step_m``: one piece."""
+def remeshed(mesh: Mesh, step_m: float, within: Callable[[Floats], Singles] | None = None) -> Mesh:
+    """The surface of what a closed mesh encloses, with edges of about ``step_m``: one piece.
+
+    Args:
+        mesh: May run through itself.
+        step_m: Of the lattice, metres.
+        within: Signed distance of world points (N, 3) to a region, positive inside; what reaches
+            beyond that region near the surface is cut off.
+    """
     lattice = lattice_around(mesh.bounds, step_m)
     # Beyond the next lattice point a distance is never interpolated.
-    field = signed_distance(mesh, lattice, 1.8 * step_m)
+    reach_m = np.float32(1.8 * step_m)
+    field = signed_distance(mesh, lattice, float(reach_m))
+    if within is not None:
+        near = np.abs(field) < reach_m
+        points = lattice.points(np.argwhere(near))
+        field[near] = np.minimum(field[near], within(points))
     return evened(contoured(lattice, field, mesh.source))
 
 

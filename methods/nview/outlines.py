@@ -93,7 +93,7 @@ def signed_outline(camera: Camera, coverage: Floats) -> SignedOutline:
         )
     inside = coverage > 0.5
     if not inside.any():
-        raise MethodError("a view shows no subject", expected="a mask that is not empty")
+        raise MethodError("the mask shows no subject", expected="a mask that is not empty")
     left, top, right, bottom = mask_box(inside)
     left, top = max(left - _MARGIN_PX, 0), max(top - _MARGIN_PX, 0)
     right = min(right + _MARGIN_PX, camera.width)

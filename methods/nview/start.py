@@ -49,9 +49,10 @@ _OUTSIDE_M = 0.05
 #: How often silhouettes are compared with what the cut left, and the size of their pixels, in
 #: steps of the lattice.
 _TURNS, _PIXEL_STEPS = 2, 0.56
-#: Least part of a silhouette that the hull of all silhouettes covers, where they agree. Masks that
-#: are one picture's pixel off lose an outline's width, which is a tenth of a thin arm's.
-_LEAST_COVERED = 0.7
+#: Least share of the silhouettes that their hull covers, in the worst view and in the mean. On a
+#: training subject both are above 0.99; with masks that are two pixels off, in turn too large and
+#: too small, 0.97 and 0.98; with the cameras counted the wrong way round 0.85 and 0.88.
+_LEAST_COVERED, _LEAST_MEAN_COVERED = 0.7, 0.92
 
 
 def start_surface(
@@ -213,11 +214,11 @@ def covered_share(view: FusionView, caster: Raycaster, pixel_m: float) -> float:
 def _check_covered(views: Sequence[FusionView], hull: Mesh, step_m: float) -> None:
     caster = Raycaster(hull)
     shares = [covered_share(view, caster, _PIXEL_STEPS * step_m) for view in views]
-    worst = int(np.argmin(shares))
-    if shares[worst] < _LEAST_COVERED:
+    worst, mean = int(np.argmin(shares)), float(np.mean(shares))
+    if shares[worst] < _LEAST_COVERED or mean < _LEAST_MEAN_COVERED:
         raise MethodError(
             "the outlines contradict each other",
-            expected=f"at least {_LEAST_COVERED:.0%} of each silhouette inside all the others",
-            got=f"{shares[worst]:.0%} in view {views[worst].index}",
+            expected=f"at least {_LEAST_MEAN_COVERED:.0%} of the silhouettes inside all the others",
+            got=f"{mean:.0%}, and {shares[worst]:.0%} in view {views[worst].index}",
             hint="Check the masks, and that each photo has its own camera",
         )

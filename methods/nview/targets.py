@@ -32,6 +32,8 @@ _LEAST_SEEN = 0.2
 #: Correlation of the maps' components with the start's, below which a map is mirrored; mirrored
 #: maps of people have about -0.9, good ones 0.9.
 _MIRRORED = -0.3
+#: Share of a map's normals that may point away from its camera.
+_MOST_AWAY = 0.5
 #: Spread of a component that can be correlated.
 _LEAST_SPREAD = 0.1
 
@@ -178,14 +180,10 @@ def check_not_flipped(surface: Surface, views: Sequence[FusionView]) -> None:
     for view in views:
         if view.targets is None:
             continue
+        _check_towards(view, view.targets)
         seen = _seen_by(view, view.targets, surface, 0.0, -2.0)
         if len(seen.faces) == 0:
-            raise MethodError(
-                f"the normals of view {view.index} point away from its camera",
-                expected="outward normals, in the world frame",
-                got="none that faces the viewer",
-                hint="Check the frame of the maps",
-            )
+            continue
         theirs = seen.normals @ view.camera.rotation.T
         ours = surface.face_normals[seen.faces] @ view.camera.rotation.T
         for axis, name in ((0, "left to right"), (1, "top to bottom")):
@@ -197,6 +195,23 @@ def check_not_flipped(surface: Surface, views: Sequence[FusionView]) -> None:
                     got=f"a correlation of {correlation:.2f} with the visual hull's",
                     hint="Check the frame of the maps, and that each view has its own camera",
                 )
+
+
+def _check_towards(view: FusionView, targets: NormalTargets) -> None:
+    """Refuse a map whose normals mostly point away from the camera."""
+    rows, columns = np.nonzero(targets.normals_world.any(axis=2))
+    pixels = np.stack([columns, rows], axis=1) + 0.5
+    away = np.einsum(
+        "ij,ij->i", targets.camera.ray_directions(pixels), targets.normals_world[rows, columns]
+    )
+    share = float((away > 0).mean()) if len(away) else 0.0
+    if share > _MOST_AWAY:
+        raise MethodError(
+            f"the normals of view {view.index} point away from its camera",
+            expected="outward normals, in the world frame",
+            got=f"{share:.0%} that face away",
+            hint="Check the frame of the maps",
+        )
 
 
 def _correlation(first: Floats, second: Floats) -> float:

@@ -87,7 +87,11 @@ def fusion_view(
     Raises:
         MethodError: coverage of another size than the camera's, or no subject in it.
     """
-    return FusionView(index, camera, signed_outline(camera, coverage), targets, photo)
+    try:
+        outline = signed_outline(camera, coverage)
+    except MethodError as error:
+        raise error.located(f"view {index}") from error
+    return FusionView(index, camera, outline, targets, photo)
 
 
 def checked_views(views: Sequence[FusionView]) -> tuple[FusionView, ...]:
