@@ -218,6 +218,7 @@ def _details(fused: Fused) -> dict[str, object]:
         "rounds": len(fused.rounds),
         "angle_to_targets_deg": [round(report.angle_deg, 2) for report in fused.rounds],
         "moved_mm": [round(report.moved_mm, 3) for report in fused.rounds],
+        "contradicted_share": [round(report.contradicted, 4) for report in fused.rounds],
         "believed_share": [round(report.believed, 3) for report in fused.rounds],
     }
 

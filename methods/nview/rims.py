@@ -14,7 +14,7 @@ from methods.nview.surfaces import Surface, lengths, unit
 from methods.nview.system import PairRows, SingleRows
 from methods.nview.views import FusionView
 
-__all__ = ["SLACK_M", "RimRules", "outside_rows", "rim_rows"]
+__all__ = ["RimRules", "outside_rows", "rim_rows"]
 
 #: A rim's outward direction in the picture and its normal agree by at least this cosine.
 _LEAST_AGREEMENT = 0.7
@@ -22,7 +22,7 @@ _LEAST_AGREEMENT = 0.7
 _BESIDE_M, _BESIDE_LATE_M = 0.006, 0.003
 #: How far outside an outline a vertex may be, metres: half a millimetre is within the noise of
 #: outlines placed by coverage.
-SLACK_M = 0.0005
+_SLACK_M = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +133,8 @@ def outside_rows(
     found = []
     for outline in outlines:
         off_m = outline.distances_m(surface.mesh.vertices)
-        vertices = np.flatnonzero(off_m < -SLACK_M)
+        vertices = np.flatnonzero(off_m < -_SLACK_M)
         slope = outline.slopes(surface.mesh.vertices[vertices], surface.directions[vertices])
         weights = surface.vertex_areas_m2[vertices] / length_m**2
-        found.append(SingleRows(vertices, slope, -off_m[vertices] - SLACK_M, weights))
+        found.append(SingleRows(vertices, slope, -off_m[vertices] - _SLACK_M, weights))
     return found
