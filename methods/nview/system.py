@@ -83,8 +83,10 @@ class MoveProblem:
     def solved(self) -> Floats:
         """(V,) moves that minimise the sum of all rows.
 
-        A sparse Cholesky-like factorisation: the matrix is symmetric and positive definite, so
-        SuperLU needs no pivoting.
+        A sparse factorisation: the matrix is symmetric and positive definite, so that SuperLU needs
+        no pivoting. It takes 0.6 s for 74,000 vertices and 1.2 s for 124,000 on one core. Conjugate
+        gradients with the diagonal as preconditioner take a third of that where all rows weigh
+        alike, and leave weakly held parts unsolved where they do not.
         """
         from scipy.sparse.linalg import splu
 
