@@ -24,9 +24,10 @@ __all__ = ["Fused", "RoundReport", "fused_surface", "moved_once"]
 #: The surface rests where its vertices move by less than this in a round, millimetres, by root mean
 #: square: a fiftieth of an edge.
 _REST_MM = 0.1
-#: What reaches further than this beyond an outline is cut off at the end, metres: outlines that are
-#: placed by coverage are a third of a pixel exact, and a tighter cut leaves creases.
-_CUT_M = 0.001
+#: What reaches further than this beyond an outline is cut off at the end, metres. On a training
+#: subject 5 % of the vertices are more than half a millimetre outside before, 0.03 % more than two;
+#: cutting at half a millimetre leaves a ladder of creases along the contours.
+_CUT_M = 0.002
 #: Weight of the mesh's own normal against a believed target's in the contour.
 _OWN_SHARE = 0.3
 #: Every face asks for its own smoothed slope by at least this.
