@@ -1,4 +1,4 @@
-"""``mexecon2``, ``mexecon8``, ``mexecon+``: N photos to a mesh; each sheet from its own view.
+"""``mexecon2``, ``mexecon8``, ``mexecon+two-sheets``: N photos to a mesh of two sheets.
 
 The paper's method: one body fitted jointly to all views (JMBO), front normals estimated in the
 front and in the back view, the back's turned by the known relative rotation of the cameras.
@@ -8,9 +8,10 @@ be integrated on the front's pixels. As in the authors' code, each view is integ
 estimator's maps of both its sides, and only its near sheet is kept; its own camera then takes that
 sheet to the world, which is the known rotation and, unlike there, the known translation as well.
 
-``mexecon+`` is ours. Eight views also show how far the clothes stand off the body, all round: it
-holds its surface to the body moved out to the silhouettes (``methods/surface/clothed_body.py``),
-where the paper inflates the body by 2 cm, and fits that body as ``jmbo8+``.
+``mexecon+two-sheets`` is ours: ``mexecon+`` (``methods/nview``) without its fusion. Eight views
+also show how far the clothes stand off the body, all round: it holds its surface to the body moved
+out to the silhouettes (``methods/surface/clothed_body.py``), where the paper inflates the body by
+2 cm, and fits that body as ``jmbo8+``.
 
 Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 """
@@ -29,7 +30,7 @@ from methods.normals import ViewMaps
 from methods.surface import FrontBackDepth, SheetParameters
 from methods.surface.sheets import depth_sheet
 
-__all__ = ["mexecon2", "mexecon8", "mexecon_plus", "oracle8"]
+__all__ = ["mexecon2", "mexecon8", "mexecon_plus_two_sheets", "oracle8"]
 
 _FRONT, _BACK = 0, 4
 
@@ -71,9 +72,9 @@ oracle8 = ClothedMethod(
     settings=ClothedSettings(normals="oracle"),
     published=MEXECON_CEILING,
 )
-mexecon_plus = ClothedMethod(
-    names=("mexecon+", "MExECON+, 8 views"),
-    fit=BodyFit("mexecon+-body", "JMBO+, 8 views", _ALL, JMBO_PLUS),
+mexecon_plus_two_sheets = ClothedMethod(
+    names=("mexecon+two-sheets", "MExECON+, two sheets of 8 views"),
+    fit=BodyFit("mexecon+two-sheets-body", "JMBO+, 8 views", _ALL, JMBO_PLUS),
     plan=SheetPlan((_FRONT, _BACK), _near_sides),
     settings=ClothedSettings(
         prior_weight=_PRIOR_WEIGHT, clothes="silhouettes", thickness_m=0.0, faces=0

@@ -25,6 +25,8 @@ SMALL = {
     "surface.resolution": "128",
     "surface.poisson_depth": "8",
     "hull.voxel_m": "0.01",
+    "nview.resolution": "128",
+    "nview.voxel_m": "0.012",
 }
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0

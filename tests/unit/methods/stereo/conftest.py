@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Bytes, Floats
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
@@ -61,22 +61,26 @@ def stripes(direction: tuple[float, float, float], wave_m: float) -> Texture:
     return lambda points: 128.0 + 50.0 * np.sin(points @ across)
 
 
+def picture(
+    caster: Raycaster, camera: Camera, texture: Texture, noise: float, rng: np.random.Generator
+) -> Bytes:
+    """(H, W, 4) what an exact camera shows of a textured mesh, with noise in grey levels."""
+    hits = caster.cast(camera)
+    rgba = np.zeros((camera.height, camera.width, 4), np.uint8)
+    corners = caster.mesh.vertices[caster.mesh.faces[hits.face[hits.mask]]]
+    points = np.einsum("nk,nkc->nc", hits.barycentric[hits.mask].astype(float), corners)
+    grey = texture(points) + (rng.normal(0.0, noise, len(points)) if noise else 0.0)
+    rgba[hits.mask, :3] = np.clip(np.round(grey), 0, 255).astype(np.uint8)[:, None]
+    rgba[hits.mask, 3] = 255
+    return rgba
+
+
 def photographs(
     mesh: Mesh, cameras: tuple[Camera, ...], texture: Texture, noise: float = 0.0, seed: int = 0
 ) -> list[StereoView]:
-    """What exact cameras show of a textured mesh, with noise in grey levels."""
+    """Pictures of all cameras, as stereo sees them."""
     caster, rng = Raycaster(mesh), np.random.default_rng(seed)
-    views = []
-    for camera in cameras:
-        hits = caster.cast(camera)
-        rgba = np.zeros((camera.height, camera.width, 4), np.uint8)
-        corners = mesh.vertices[mesh.faces[hits.face[hits.mask]]]
-        points = np.einsum("nk,nkc->nc", hits.barycentric[hits.mask].astype(float), corners)
-        grey = texture(points) + rng.normal(0.0, noise, len(points)) if noise else texture(points)
-        rgba[hits.mask, :3] = np.clip(np.round(grey), 0, 255).astype(np.uint8)[:, None]
-        rgba[hits.mask, 3] = 255
-        views.append(stereo_view(camera, rgba))
-    return views
+    return [stereo_view(each, picture(caster, each, texture, noise, rng)) for each in cameras]
 
 
 def shaken(cameras: tuple[Camera, ...], error_px: float, seed: int) -> tuple[Camera, ...]:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from methods.stereo.settings import StereoSettings
+from methods.stereo.settings import MatchSettings, StereoSettings
 from methods.stereo.surface import finished
 from tests.unit.methods.stereo.conftest import CAMERAS, RADIUS, grain, photographs, plain
 
-SETTINGS = StereoSettings()
+#: Depth maps at half the resolution of these photos, as for ``paper8``.
+SETTINGS = StereoSettings(match=MatchSettings(pixel_m=0.0045))
 
 
 def scaled(mesh: Mesh, by_m: float) -> Mesh:
@@ -26,7 +27,8 @@ def off_mm(mesh: Mesh) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("by_m", [0.003, -0.003])
 def test_a_few_millimetres_are_taken_back(sphere, textured, by_m):
-    mesh, report = finished(scaled(sphere, by_m), textured, SETTINGS)
+    found = finished(scaled(sphere, by_m), textured, SETTINGS)
+    report, mesh = found.rounds[0], found.mesh
     assert np.quantile(off_mm(mesh), 0.95) < 0.8
     assert report.vertices > 0.5
     assert report.believed > 0.9
@@ -35,7 +37,8 @@ def test_a_few_millimetres_are_taken_back(sphere, textured, by_m):
 @pytest.mark.slow
 def test_a_plain_sphere_stays(sphere):
     start = scaled(sphere, 0.003)
-    mesh, report = finished(start, photographs(sphere, CAMERAS, plain, 2.0), SETTINGS)
+    found = finished(start, photographs(sphere, CAMERAS, plain, 2.0), SETTINGS)
+    report, mesh = found.rounds[0], found.mesh
     np.testing.assert_allclose(mesh.vertices, start.vertices, atol=1e-4)
     assert report.vertices < 0.01
 
@@ -43,6 +46,13 @@ def test_a_plain_sphere_stays(sphere):
 @pytest.mark.slow
 def test_without_neighbours_nothing_moves(sphere):
     views = photographs(sphere, (CAMERAS[0], CAMERAS[4]), grain)
-    mesh, report = finished(sphere, views, SETTINGS)
+    found = finished(sphere, views, SETTINGS)
+    report, mesh = found.rounds[0], found.mesh
     np.testing.assert_array_equal(mesh.vertices, sphere.vertices)
     assert report.moved_m == 0.0
+
+
+def test_photos_as_coarse_as_those_of_the_depth_maps_tell_nothing_new(sphere, textured):
+    found = finished(sphere, textured, StereoSettings())
+    assert found.rounds == ()
+    assert found.mesh is sphere

@@ -27,7 +27,7 @@ from methods.clothed import ClothedMethod
 from methods.econ import econ
 from methods.fit_settings import JMBO
 from methods.hull import hull8
-from methods.mexecon import mexecon2, mexecon8, mexecon_plus, oracle8
+from methods.mexecon import mexecon2, mexecon8, mexecon_plus_two_sheets, oracle8
 from reports.figures.panels import photo
 
 RADII, CENTRE, CLOTH_M = np.array([0.28, 0.8, 0.2]), np.array([0.04, 0.05, 0.03]), 0.015
@@ -112,7 +112,7 @@ def distances_mm(mesh: Mesh) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "method", [econ, mexecon2, mexecon8, mexecon_plus], ids=lambda m: m.info.name
+    "method", [econ, mexecon2, mexecon8, mexecon_plus_two_sheets], ids=lambda m: m.info.name
 )
 def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_path):
     method = small(method, "oracle")
@@ -140,7 +140,7 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", [mexecon8, mexecon_plus], ids=lambda m: m.info.name)
+@pytest.mark.parametrize("method", [mexecon8, mexecon_plus_two_sheets], ids=lambda m: m.info.name)
 def test_each_photo_is_decoded_once_by_all_that_look_at_it(
     method, small, capture, tmp_path, monkeypatch
 ):
@@ -207,7 +207,7 @@ def test_settings_reach_the_fit_or_the_surface():
     assert changed.info.parameters["surface"]["poisson_depth"] == 8
     held = econ.configured({"surface.prior_weight": "0.01"})
     assert held.settings.integration.prior_weight == 0.01
-    assert mexecon_plus.settings.integration.thickness == 0.0
+    assert mexecon_plus_two_sheets.settings.integration.thickness == 0.0
     for wrong, message in (
         ({"surface.colour": "red"}, "unknown setting 'surface.colour'"),
         ({"poisson_depth": "9"}, "Did you mean 'surface.poisson_depth'"),

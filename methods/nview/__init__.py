@@ -1,0 +1,1 @@
+"""One closed surface moved to the normal maps and the outlines of all views."""

@@ -1,0 +1,199 @@
+"""The rounds of the fusion: from the start surface to one that agrees with all views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.arrays import Floats, Singles
+from harness.core.mesh import Mesh
+from methods.nview.lattices import remeshed
+from methods.nview.rims import RimRules, outside_rows, rim_rows
+from methods.nview.settings import FusionSettings
+from methods.nview.start import hull_distance
+from methods.nview.surfaces import Surface, smoothed_along, unit, vertex_sums
+from methods.nview.system import MoveProblem, SingleRows, slope_rows
+from methods.nview.targets import FusedTargets, check_not_flipped, fused_targets
+from methods.nview.views import FusionView
+from methods.surface.fusion import one_piece
+
+__all__ = ["Fused", "RoundReport", "fused_surface", "moved_once"]
+
+#: The surface rests where its vertices move by less than this in a round, millimetres, by root mean
+#: square: a fiftieth of an edge.
+_REST_MM = 0.1
+#: What reaches further than this beyond an outline is cut off at the end, metres. On a training
+#: subject 5 % of the vertices are more than half a millimetre outside before, 0.03 % more than two;
+#: cutting at half a millimetre leaves a ladder of creases along the contours.
+_CUT_M = 0.002
+#: Weight of the mesh's own normal against a believed target's in the contour.
+_OWN_SHARE = 0.3
+#: Every face asks for its own smoothed slope by at least this.
+_LEAST_REGULARITY = 1e-4
+#: A deflating move weighs as a slope of 1 over this length, metres.
+_DEFLATION_LENGTH_M = 0.02
+#: The share of phantom faces around a vertex from which on it is deflated, and within which it is
+#: fully; after so many rounds of averaging.
+_PHANTOM_FROM, _PHANTOM_WITHIN, _PHANTOM_ROUNDS = 0.35, 0.3, 4
+#: Rounds in which moves are averaged with their neighbours', against ripples of one edge.
+_LOW_PASS = 2
+#: Rounds of spreading vertices along the surface after a move, and share of the way.
+_SPREAD_ROUNDS, _SPREAD_SHARE = 2, 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class RoundReport:
+    """What one round did.
+
+    Attributes:
+        vertices: How many the surface had.
+        angle_deg: Mean angle between faces and their targets before it, by area and confidence.
+        believed: Share of the area that a view speaks for.
+        contradicted: Share of the area that the views see and where they contradict each other or
+            the surface: what is left of it at the end is volume that may not be the subject's.
+        moved_mm: Root mean square of the moves.
+    """
+
+    vertices: int
+    angle_deg: float
+    believed: float
+    contradicted: float
+    moved_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fused:
+    """A fused surface and the way to it.
+
+    Attributes:
+        mesh: Closed, in one piece, world metres.
+        rounds: What each did.
+    """
+
+    mesh: Mesh
+    rounds: tuple[RoundReport, ...]
+
+
+def fused_surface(start: Mesh, views: Sequence[FusionView], settings: FusionSettings) -> Fused:
+    """The surface that the views' normals and outlines agree on.
+
+    Args:
+        start: Closed, world metres, edges of about ``settings.voxel_m``.
+        views: All of them.
+        settings: Of the fusion.
+
+    Raises:
+        MethodError: normals that are mirrored, or a surface that vanishes.
+    """
+    surface = Surface(start)
+    check_not_flipped(surface, views)
+    reports: list[RoundReport] = []
+    for number in range(settings.rounds):
+        surface, report = moved_once(surface, views, settings, number)
+        reports.append(report)
+        step_m = settings.remade_step_m(number)
+        if step_m is not None:
+            surface = Surface(remeshed(surface.mesh, step_m))
+        elif report.moved_mm < _REST_MM and number >= settings.deflation_rounds:
+            break
+    return Fused(_finished(surface.mesh, views, settings), tuple(reports))
+
+
+def _finished(mesh: Mesh, views: Sequence[FusionView], settings: FusionSettings) -> Mesh:
+    """The surface made anew: closed, free of crossings, inside all outlines."""
+    if settings.outlines == "off":
+        return one_piece(remeshed(mesh, settings.fine_m))
+    outlines = [view.outline for view in views]
+
+    def within(points: Floats) -> Singles:
+        return hull_distance(outlines, points) + np.float32(_CUT_M)
+
+    return one_piece(remeshed(mesh, settings.fine_m, within))
+
+
+def moved_once(
+    surface: Surface, views: Sequence[FusionView], settings: FusionSettings, number: int
+) -> tuple[Surface, RoundReport]:
+    """The surface after round ``number`` (from 0), and what the round did."""
+    targets = fused_targets(surface, views, settings, number)
+    angle_deg = _angles_deg(surface, targets)
+    problem = MoveProblem(len(surface.mesh.vertices))
+    if settings.outlines == "on":
+        rules = RimRules.of_round(settings, number)
+        problem.add_pairs(rim_rows(surface, views, _asked_at_vertices(surface, targets), rules))
+        for rows in outside_rows(surface, [view.outline for view in views], settings.rim_m):
+            problem.add_single(rows)
+    problem.add_single(_staying(surface, 0.0, 1.0, settings.weak_m))
+    weights = targets.confidence
+    if number >= settings.doubt_from:
+        weights = weights / (1 + (angle_deg / settings.doubt_deg) ** 2)
+    if number < settings.deflation_rounds:
+        phantom = _phantom_at_vertices(surface, targets)
+        weights = weights * (1 - phantom[surface.mesh.faces].mean(axis=1))
+        inward = _staying(surface, -settings.deflation_m, phantom, _DEFLATION_LENGTH_M)
+        problem.add_single(inward)
+    problem.add_pairs(slope_rows(surface, targets.normals, weights))
+    regularity = settings.regularity * (1 - targets.confidence) + _LEAST_REGULARITY
+    problem.add_pairs(slope_rows(surface, surface.smooth_face_normals, regularity))
+    moves = _checked_moves(surface, problem.solved(), settings.step_m)
+    report = _report(surface, targets, angle_deg, moves)
+    vertices = surface.mesh.vertices + moves[:, None] * surface.directions
+    return smoothed_along(surface.moved(vertices), _SPREAD_ROUNDS, _SPREAD_SHARE), report
+
+
+def _angles_deg(surface: Surface, targets: FusedTargets) -> Floats:
+    """(F,) between each face and its target."""
+    cosine = np.einsum("ij,ij->i", targets.normals, surface.face_normals)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _asked_at_vertices(surface: Surface, targets: FusedTargets) -> Floats:
+    """(V, 3) unit normals asked for around each vertex; the surface's own where nothing is."""
+    own = _OWN_SHARE * (1 - targets.confidence) * surface.areas_m2
+    asked = (targets.confidence * surface.areas_m2)[:, None] * targets.normals
+    total = asked + own[:, None] * surface.face_normals
+    return unit(vertex_sums(surface.mesh.faces, total, len(surface.mesh.vertices)))
+
+
+def _phantom_at_vertices(surface: Surface, targets: FusedTargets) -> Floats:
+    """(V,) 0 to 1, how far each vertex is in the middle of phantom surface."""
+    share = surface.at_vertices(targets.phantom)
+    for _ in range(_PHANTOM_ROUNDS):
+        share = 0.5 * share + 0.5 * surface.neighbours.means(share)
+    return np.clip((share - _PHANTOM_FROM) / _PHANTOM_WITHIN, 0, 1)
+
+
+def _staying(
+    surface: Surface, move_m: float, weights: Floats | float, length_m: float
+) -> SingleRows:
+    """Rows that ask every vertex for one move, weighted (V,) as a slope over a length."""
+    count = len(surface.mesh.vertices)
+    return SingleRows(
+        np.arange(count),
+        np.ones(count),
+        np.full(count, move_m),
+        weights * surface.vertex_areas_m2 / length_m**2,
+    )
+
+
+def _checked_moves(surface: Surface, moves: Floats, most_m: float) -> Floats:
+    """Moves (V,) without ripples and none longer than allowed."""
+    for _ in range(_LOW_PASS):
+        moves = 0.5 * moves + 0.5 * surface.neighbours.means(moves)
+    return np.clip(moves, -most_m, most_m)
+
+
+def _report(
+    surface: Surface, targets: FusedTargets, angle_deg: Floats, moves: Floats
+) -> RoundReport:
+    believed = targets.confidence * surface.areas_m2
+    area = surface.vertex_areas_m2
+    return RoundReport(
+        vertices=len(surface.mesh.vertices),
+        angle_deg=float((angle_deg * believed).sum() / max(believed.sum(), 1e-12)),
+        believed=float(believed.sum() / surface.areas_m2.sum()),
+        contradicted=float((targets.phantom * surface.areas_m2).sum() / surface.areas_m2.sum()),
+        moved_mm=1000 * float(np.sqrt((moves**2 * area).sum() / area.sum())),
+    )

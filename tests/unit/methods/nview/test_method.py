@@ -1,0 +1,101 @@
+"""``mexecon+`` as a method: its settings, what it says of itself, and its way from files."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from harness.core.artifacts import Capture, image_name
+from harness.core.errors import HarnessError, MethodError
+from harness.core.privileges import Privilege
+from harness.core.protocols import Context
+from harness.geometry.images import save_png
+from harness.geometry.raycast import Raycaster
+from harness.geometry.topology import open_edges
+from methods.nview.method import mexecon_plus
+
+SMALL = {"nview.voxel_m": "0.016", "nview.resolution": "160"}
+
+
+def photograph(mesh, cameras, folder) -> Capture:
+    """Grey RGBA pictures whose alpha is the exact coverage."""
+    caster = Raycaster(mesh)
+    for view, camera in enumerate(cameras):
+        alpha = np.round(255 * caster.coverage(camera)).astype(np.uint8)
+        rgba = np.dstack([np.full((*alpha.shape, 3), 128, np.uint8), alpha])
+        save_png(folder / image_name(view), rgba)
+    return Capture("toy", "s", "r", "k", folder, tuple(cameras))
+
+
+def context(folder, mesh=None) -> Context:
+    lent = {}
+    if mesh is not None:
+        caster = Raycaster(mesh)
+        lent[Privilege.ORACLE_NORMALS] = lambda camera, side="near": caster.normals(camera, side)
+    return Context(0, folder, lambda _: contextlib.nullcontext(), lent)
+
+
+def test_it_takes_all_views_and_names_its_parts():
+    info = mexecon_plus.info
+    assert info.views is None
+    assert set(info.parameters) == {"body", "nview"}
+    assert [part.role for part in info.parts] == ["body model", "landmarks", "normal estimator"]
+    assert info.deviations == ()
+
+
+def test_without_a_body_nothing_of_it_is_named():
+    info = mexecon_plus.configured({"body": "off"}).info
+    assert info.parameters["nview"]["body"] == "off"
+    assert "body" not in info.parameters
+    assert [part.role for part in info.parts] == ["normal estimator"]
+    # The shipped network was trained on avatars of the same generator.
+    assert Privilege.GENERATOR_PRIOR in info.privileges
+    bare = mexecon_plus.configured({"body": "off", "nview.normals": "off"}).info
+    assert bare.parts == ()
+    assert set(bare.privileges) == {Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS}
+
+
+def test_oracle_normals_are_a_privilege():
+    info = mexecon_plus.configured({"nview.normals": "oracle"}).info
+    assert Privilege.ORACLE_NORMALS in info.privileges
+
+
+def test_unknown_settings_get_the_nearest():
+    with pytest.raises(HarnessError, match="Did you mean 'nview.voxel_m'"):
+        mexecon_plus.configured({"nview.voxel": "0.01"})
+
+
+def test_from_files_to_a_surface_without_a_body(ball, ring, tmp_path):
+    settings = {"body": "off", "nview.normals": "oracle", **SMALL}
+    capture = photograph(ball, ring(6), tmp_path)
+    found = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path, ball))
+    assert open_edges(found.mesh) == 0
+    assert np.abs(np.linalg.norm(found.mesh.vertices, axis=1) - 0.2).mean() < 0.001
+    assert found.body is None
+    assert found.normals == ()
+    assert len(found.details["moved_mm"]) == found.details["rounds"]
+
+
+def test_outlines_alone(ball, ring, tmp_path):
+    settings = {"body": "off", "nview.normals": "off", "nview.rounds": "1", **SMALL}
+    capture = photograph(ball, ring(6), tmp_path)
+    mesh = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path)).mesh
+    assert open_edges(mesh) == 0
+    assert mesh.signed_volume == pytest.approx(4 / 3 * np.pi * 0.2**3, rel=0.15)
+
+
+def test_two_views_end_in_a_sentence(ball, ring, tmp_path):
+    capture = photograph(ball, ring(2), tmp_path)
+    method = mexecon_plus.configured({"body": "off"})
+    with pytest.raises(MethodError, match="3 to 64 views; got 2"):
+        method.reconstruct(capture, context(tmp_path))
+
+
+def test_a_view_without_a_subject_ends_in_a_sentence(ball, ring, tmp_path):
+    capture = photograph(ball, ring(4), tmp_path)
+    save_png(tmp_path / image_name(2), np.zeros((480, 360, 4), np.uint8))
+    method = mexecon_plus.configured({"body": "off"})
+    with pytest.raises(MethodError, match="view 2: the mask shows no subject"):
+        method.reconstruct(capture, context(tmp_path))
