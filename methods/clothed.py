@@ -7,12 +7,13 @@ differ in which views the body is fitted to and which sheets are made of which v
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Mask
 from harness.core.artifacts import Capture, NormalMaps, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_path
@@ -20,23 +21,27 @@ from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
-from harness.geometry.images import load_mask, save_png
-from harness.geometry.sides import SidedRaycaster
-from methods.body_fit import BodyFit, FittedBody, body_model
-from methods.fit_settings import FitSettings
+from harness.geometry.images import save_png
+from harness.geometry.photo import open_photo
+from harness.geometry.raycast import Raycaster
+from harness.geometry.topology import concatenated
+from methods.body.result import BodyFitResult
+from methods.body.settings import FitSettings
+from methods.body_fit import BodyFit
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
 from methods.published import Published
 from methods.stages import Stages, contact_sheet
-from methods.surface.clothed_body import Outline, clothed_body
+from methods.surface.clothed_body import clothed_body
 from methods.surface.completion import BodyCompletion, CompletionParameters
+from methods.surface.device_solver import require_device
 from methods.surface.front_back import (
-    BodyPrior,
+    BodyDepth,
     FrontBackDepth,
     FrontBackParameters,
     integrate_front_back,
 )
-from methods.surface.fusion import FusionParameters, concatenated, fused
+from methods.surface.fusion import FusionParameters, fused
 from methods.surface.hands import body_hands, without_hands
 
 __all__ = ["ClothedMethod", "ClothedSettings", "SheetPlan", "integrated"]
@@ -57,6 +62,8 @@ class ClothedSettings:
         thickness_m: By how much the body is inflated towards and away from the viewer, metres.
         clothes: What is inflated: ``uniform``, the body itself, or ``silhouettes``, the body moved
             out to the silhouettes of all views; one or two do not show the sides.
+        device: What solves the integration's linear systems: ``cpu``, or a GPU such as ``cuda`` or
+            ``cuda:1``, which sums in another order.
         covered_m: The body is dropped within this distance of the sheets, metres.
         hands: ``detected`` puts in the body's hands that the detector found in the first photo, as
             ECON does, ``body`` both; ``sheets`` leaves what is seen.
@@ -72,6 +79,7 @@ class ClothedSettings:
     boundary_weight: float = 1e-6
     thickness_m: float = 0.02
     clothes: str = "uniform"
+    device: str = "cpu"
     covered_m: float = 0.02
     hands: str = "sheets"
     poisson_depth: int = 10
@@ -80,6 +88,10 @@ class ClothedSettings:
     def __post_init__(self) -> None:
         check_choice("hands", self.hands, ("detected", "body", "sheets"))
         check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
+        if not re.fullmatch(r"cpu|cuda(:\d+)?", self.device):
+            raise HarnessError(
+                f"setting 'device' cannot be '{self.device}'", expected="cpu, cuda or cuda:1"
+            )
         if not 64 <= self.resolution <= 4096:
             raise HarnessError(
                 f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
@@ -126,11 +138,13 @@ class SheetPlan:
     sheets: Callable[[Sequence[tuple[ViewMaps, FrontBackDepth]]], list[Mesh]]
 
 
-def integrated(maps: ViewMaps, parameters: FrontBackParameters) -> FrontBackDepth:
+def integrated(
+    maps: ViewMaps, parameters: FrontBackParameters, device: str = "cpu"
+) -> FrontBackDepth:
     """Both sheets' depth of one view, under its full perspective, metres."""
-    prior, view = BodyPrior(maps.body_near_m, maps.body_far_m), maps.view
+    prior, view = BodyDepth(maps.body_near_m, maps.body_far_m), maps.view
     normals = maps.front, maps.back
-    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters)
+    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters, device)
 
 
 class ClothedMethod:
@@ -159,12 +173,15 @@ class ClothedMethod:
     def info(self) -> MethodInfo:
         """What the method says of itself.
 
-        Made when it is asked for, so that the method can be configured to do without a network that
-        is not there.
+        Made when it is asked for: a method whose network is not installed can still be configured
+        to run without it.
 
         Raises:
-            MissingPart, DataError: as ``NormalChoice.part``.
+            MissingPart: a network or the device of the integration is not there.
+            DataError: as ``NormalChoice.part``.
         """
+        if self.settings.device != "cpu":
+            require_device(self.settings.device)
         choice, fit = self.settings.normal_choice, self._fit.info
         surface = {**asdict(self.settings), "normals_model": bool(self.settings.normals_model)}
         parameters = {"body": self._fit.settings.in_use(len(self._fit.views)), "surface": surface}
@@ -194,22 +211,23 @@ class ClothedMethod:
             MethodError: no person found, no sheet, or a surface that does not close.
             MissingPart: the body model, MediaPipe, or a network is not installed.
         """
-        fitted = self._fit.fitted(capture, context)
-        skin = fitted.skin
+        fit = self._fit.fit(capture, context)
+        skin = fit.skin
         with context.stage("normals"):
             maps = self._maps(capture, skin, context)
         shape = skin
         if self.settings.clothes == "silhouettes":
             with context.stage("clothes"):
-                outlines = [_outline(capture, view) for view in fitted.views_used]
+                outlines = [open_photo(capture, view).outline for view in fit.views_used]
                 shape = clothed_body(skin, outlines)
-                caster = SidedRaycaster(shape)
+                caster = Raycaster(shape)
                 maps = [each.held_to(caster) for each in maps]
         with context.stage("integration"):
-            depths = [integrated(each, self.settings.integration) for each in maps]
+            rules, device = self.settings.integration, self.settings.device
+            depths = [integrated(each, rules, device) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
-            parts = self._parts(sheets, fitted, shape)
+            parts = self._parts(sheets, fit, shape)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
         if context.keep:
@@ -222,13 +240,13 @@ class ClothedMethod:
         }
         return Reconstruction(
             mesh=mesh,
-            body=fitted.body,
+            body=fit.body,
             normals=tuple(map(_handed_out, maps)),
-            details={**fitted.details, **details},
+            details={**fit.details(), **details},
         )
 
     def _maps(self, capture: Capture, skin: Mesh, context: Context) -> list[ViewMaps]:
-        choice, caster = self.settings.normal_choice, SidedRaycaster(skin)
+        choice, caster = self.settings.normal_choice, Raycaster(skin)
         maps = []
         for index in self._plan.views:
             view = working_view(capture, index, self.settings.resolution)
@@ -236,11 +254,10 @@ class ClothedMethod:
             maps.append(view_maps(view, caster, estimator))
         return maps
 
-    def _parts(self, sheets: list[Mesh], fitted: FittedBody, shape: Mesh) -> list[Mesh]:
+    def _parts(self, sheets: list[Mesh], fit: BodyFitResult, shape: Mesh) -> list[Mesh]:
         """Sheets, completion and hands: what is fused."""
-        regions, skin = _regions(self._fit.settings), fitted.skin
-        omitted = np.logical_or.reduce(list(regions.values()))
-        replaced = self._replaced_hands(regions, fitted)
+        skin, omitted = fit.skin, np.logical_or.reduce(list(fit.regions.values()))
+        replaced = self._replaced_hands(fit)
         hands = [body_hands(skin, replaced)] if replaced.any() else []
         if hands:
             sheets = without_hands(sheets, skin, replaced)
@@ -248,21 +265,14 @@ class ClothedMethod:
         completion = BodyCompletion(self.settings.completion)(seen, shape, omitted)
         return [*sheets, *([] if completion is None else [completion]), *hands]
 
-    def _replaced_hands(
-        self, regions: Mapping[str, NDArray[np.bool_]], fitted: FittedBody
-    ) -> NDArray[np.bool_]:
+    def _replaced_hands(self, fit: BodyFitResult) -> Mask:
         """(V,) the hands of the body that stand in for those of the sheets."""
-        left, right = regions["left_hand"], regions["right_hand"]
+        left, right = fit.regions["left_hand"], fit.regions["right_hand"]
         if self.settings.hands == "body":
             return left | right
         if self.settings.hands == "sheets":
             return np.zeros_like(left)
-        return left & fitted.hands_found[0] | right & fitted.hands_found[1]
-
-
-def _outline(capture: Capture, view: int) -> Outline:
-    camera = capture.cameras[view]
-    return Outline(camera, load_mask(capture.image_path(view), camera.size) >= 0.5)
+        return left & fit.hands_found[0] | right & fit.hands_found[1]
 
 
 def _handed_out(maps: ViewMaps) -> NormalMaps:
@@ -277,11 +287,6 @@ def _handed_out(maps: ViewMaps) -> NormalMaps:
         body_front=filled_normals(maps.body_front, mask),
         body_back=filled_normals(maps.body_back, mask),
     )
-
-
-def _regions(settings: FitSettings) -> Mapping[str, NDArray[np.bool_]]:
-    """The masks of ``ParametricBody.regions`` (V,) of the fitted body's model."""
-    return body_model(settings).regions
 
 
 def _keep(context: Context, stages: Stages) -> None:

@@ -13,7 +13,7 @@ from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import unit_normals
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 from methods.body.photos.views import Views
 from methods.normals import NormalChoice, view_maps, working_view
 
@@ -51,7 +51,7 @@ class EstimatedNormals:
         Raises:
             MethodError: the body is not where a view shows the subject.
         """
-        caster = SidedRaycaster(Mesh(vertices, self._faces, source="fitted body"))
+        caster = Raycaster(Mesh(vertices, self._faces, source="fitted body"))
         return [
             _seen_by(camera, window.camera, view_maps(window, caster, estimator).front)
             for camera, window, estimator in zip(

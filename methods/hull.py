@@ -10,24 +10,27 @@ Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
 from harness.core.arrays import Floats, Singles
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import overridden
-from harness.geometry.images import load_mask
+from harness.core.settings import by_room, overridden
+from harness.geometry.outline import Outline
+from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
+from harness.geometry.topology import pieces_of
 
 __all__ = ["HullSettings", "VisualHull", "hull8"]
 
 
+#: What the settings are filed under, as in ``--set hull.voxel_m=0.002``.
+_ROOM = "hull"
 #: Views all round see a subject nearly as wide as it is; a few may look along it.
 _WIDEST = 1.5
 
@@ -58,9 +61,10 @@ class VisualHull:
         self.settings = settings
 
     def configured(self, parameters: Mapping[str, str]) -> VisualHull:
-        """The method with other settings, given as text by field name."""
-        settings = overridden(self.settings, parameters)
-        return VisualHull(replace(self.info, parameters=asdict(settings)), settings)
+        """The method with other settings, given as text by ``hull.setting``."""
+        own = by_room(parameters, {_ROOM: [field.name for field in fields(HullSettings)]})
+        settings = overridden(self.settings, own[_ROOM])
+        return VisualHull(replace(self.info, parameters={_ROOM: asdict(settings)}), settings)
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The hull of the masks of the method's views, in world metres.
@@ -70,16 +74,8 @@ class VisualHull:
         """
         views = self.info.views or range(len(capture.cameras))
         with context.stage("outlines"):
-            cameras = [capture.cameras[view] for view in views]
-            coverages = [
-                load_mask(capture.image_path(view), camera.size)
-                for view, camera in zip(views, cameras, strict=True)
-            ]
-            place = place_of(cameras, [coverage > 0.5 for coverage in coverages])
-            outlines = [
-                _Outline(camera, coverage)
-                for camera, coverage in zip(cameras, coverages, strict=True)
-            ]
+            outlines = [open_photo(capture, view).outline for view in views]
+            place = place_of(outlines)
         with context.stage("carve"):
             origin, field = _carve(outlines, place, self.settings)
         with context.stage("contour"):
@@ -87,43 +83,17 @@ class VisualHull:
         return Reconstruction(mesh=mesh, details={"voxels": int(field.size)})
 
 
-class _Outline:
-    """Signed distance to one silhouette's outline, positive inside."""
-
-    def __init__(self, camera: Camera, coverage: Floats) -> None:
-        from scipy.ndimage import distance_transform_edt
-
-        inside = coverage > 0.5
-        # Beyond the frame the mask is continued, so that a subject that is cut is not carved there.
-        padded = np.pad(inside, 1, mode="edge")
-        to_outside = distance_transform_edt(padded)[1:-1, 1:-1]
-        to_inside = distance_transform_edt(~padded)[1:-1, 1:-1]
-        # Between the centres of two pixels the outline runs where coverage says, not half-way.
-        sub_pixel = np.clip(coverage - 0.5, -0.5, 0.5)
-        far = np.where(inside, to_outside - 0.5, 0.5 - to_inside)
-        near = np.abs(far) < 1.0
-        self.distance_px = np.where(near, sub_pixel, far).astype(np.float32)
-        self.camera = camera
-
-    def distance_m(self, points_world: Floats) -> Singles:
-        """Signed distances (N,) of world points to the silhouette's cone, metres at their depth."""
-        from scipy.ndimage import map_coordinates
-
-        pixels, depth = self.camera.project(points_world)
-        rows_columns = pixels[:, ::-1].T - 0.5
-        distance = map_coordinates(self.distance_px, rows_columns, order=1, mode="nearest")
-        return (distance * depth / self.camera.K[0, 0]).astype(np.float32)
-
-
-def _lattice(origin: Floats, counts: tuple[int, int, int], step: float) -> Floats:
-    """(N, 3) lattice points in C order."""
+def _lattice(origin: Floats, counts: tuple[int, ...], step: float) -> Floats:
+    """(N, 3) lattice points in C order; three counts."""
     axes = [origin[axis] + step * np.arange(counts[axis]) for axis in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -> Singles:
-    """Least signed distance over the views (N,); a point that one view sees further than
-    ``outside_m`` outside is not asked of the next, so that its value is an upper bound.
+def _hull_distance(outlines: list[Outline], points: Floats, outside_m: float) -> Singles:
+    """(N,) least signed distance over the views.
+
+    Once a view sees a point further outside than ``outside_m``, the next views are not computed for
+    it, so that its value is an upper bound.
     """
     distance = np.full(len(points), np.inf, dtype=np.float32)
     open_points = np.arange(len(points))
@@ -134,9 +104,7 @@ def _hull_distance(outlines: list[_Outline], points: Floats, outside_m: float) -
     return distance
 
 
-def _carve(
-    outlines: list[_Outline], place: Place, settings: HullSettings
-) -> tuple[Floats, Singles]:
+def _carve(outlines: list[Outline], place: Place, settings: HullSettings) -> tuple[Floats, Singles]:
     """The field on fine voxels of the blocks that the surface may cross, and its first point."""
     edge = settings.voxel_m * settings.block
     half = _half_extent(place, settings.margin_m)
@@ -188,20 +156,9 @@ def _contour(origin: Floats, field: Singles, settings: HullSettings) -> Mesh:
 
 
 def _without_crumbs(mesh: Mesh, minimum_share: float) -> Mesh:
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(mesh.vertices)
-    rows, columns = mesh.faces[:, [0, 1]].T
-    third = mesh.faces[:, 2]
-    edges = coo_matrix(
-        (np.ones(2 * len(rows)), (np.tile(rows, 2), np.concatenate([columns, third]))),
-        shape=(count, count),
-    )
-    _, piece_of_vertex = connected_components(edges, directed=False)
-    piece = piece_of_vertex[mesh.faces[:, 0]]
-    sizes = np.bincount(piece)
-    return mesh.submesh(sizes[piece] >= minimum_share * len(mesh.faces))
+    pieces = pieces_of(mesh.faces, len(mesh.vertices))
+    sizes = pieces.face_counts[pieces.of_face]
+    return mesh.submesh(sizes >= minimum_share * len(mesh.faces))
 
 
 hull8 = VisualHull(
@@ -210,7 +167,7 @@ hull8 = VisualHull(
         title="Visual hull, 8 views",
         views=tuple(range(8)),
         privileges=(Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS),
-        parameters=asdict(HullSettings()),
+        parameters={_ROOM: asdict(HullSettings())},
     ),
     HullSettings(),
 )

@@ -29,7 +29,7 @@ class Stages:
     """What a method made on its way.
 
     Attributes:
-        maps: Of the views that sheets were made from.
+        maps: The maps of the views that sheets were made from.
         parts: The surfaces that went into the fusion: sheets, completion, hands.
         body: The fitted body.
         mesh: The result.

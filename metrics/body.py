@@ -9,6 +9,8 @@ Source: MExECON, equations of the silhouette, normal and landmark loss and table
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +30,7 @@ __all__ = [
 ]
 
 
-#: Of the normal and the landmark loss in the total; the silhouette's is 1.
+#: Weights of the normal and the landmark loss in the total; the silhouette's is 1.
 TOTAL_WEIGHTS = {"normal": 0.2, "landmark": 0.1}
 
 
@@ -88,7 +90,7 @@ def _distances_mm(predicted: Floats, truth: Floats) -> Floats:
     return np.linalg.norm(predicted - truth, axis=1) * MM_PER_METRE
 
 
-def _check_same_shape(predicted: NDArray, truth: NDArray) -> None:  # type: ignore[type-arg]
+def _check_same_shape(predicted: NDArray[Any], truth: NDArray[Any]) -> None:
     if predicted.shape != truth.shape:
         raise DataError(
             "two bodies or pictures cannot be compared: they have different shapes",

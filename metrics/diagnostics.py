@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from harness.core.arrays import Floats
+from harness.core.results import DistanceSummary, FScore, MeshFacts
 from harness.geometry.surface import SurfaceIndex
 
 __all__ = [
@@ -19,24 +20,25 @@ __all__ = [
 
 
 F_SCORE_THRESHOLDS_MM = (5, 10, 20, 50)
-_PERCENTILES = (50, 90, 95, 99)
 #: Faces of a closed surface cancel as vectors. Up to this share of the area, what is open is too
 #: little to let the sign of the volume depend on the origin.
 _NEARLY_CLOSED = 0.05
 
 
-def describe_distances(distances_mm: Floats) -> dict[str, float]:
-    """Percentiles of (N,) distances, and their maximum.
+def describe_distances(distances_mm: Floats) -> DistanceSummary:
+    """Percentiles of (N,) distances, and their maximum."""
+    p50, p90, p95, p99 = np.percentile(distances_mm, (50, 90, 95, 99))
+    return DistanceSummary(
+        p50_mm=float(p50),
+        p90_mm=float(p90),
+        p95_mm=float(p95),
+        p99_mm=float(p99),
+        max_sampled_mm=float(distances_mm.max()),
+    )
 
-    The maximum grows with the number of points: it is a lower bound of the Hausdorff distance.
-    """
-    values = np.percentile(distances_mm, _PERCENTILES)
-    named = {f"p{q}_mm": float(value) for q, value in zip(_PERCENTILES, values, strict=True)}
-    return {**named, "max_sampled_mm": float(distances_mm.max())}
 
-
-def f_scores(accuracy_mm: Floats, completeness_mm: Floats) -> dict[str, dict[str, float]]:
-    """Precision, recall and their harmonic mean at each threshold, as shares from 0 to 1.
+def f_scores(accuracy_mm: Floats, completeness_mm: Floats) -> dict[str, FScore]:
+    """Precision, recall and their harmonic mean by threshold, such as ``5_mm``.
 
     Source: Knapitsch et al., Tanks and Temples, 2017; here from points to surfaces. F is 0 where
     precision and recall both are.
@@ -51,33 +53,28 @@ def f_scores(accuracy_mm: Floats, completeness_mm: Floats) -> dict[str, dict[str
         recall = float(np.mean(completeness_mm < threshold))
         both = precision + recall
         f_score = 2 * precision * recall / both if both > 0 else 0.0
-        scores[f"{threshold}_mm"] = {"precision": precision, "recall": recall, "f": f_score}
+        scores[f"{threshold}_mm"] = FScore(precision=precision, recall=recall, f=f_score)
     return scores
 
 
-def describe_mesh(surface: SurfaceIndex) -> dict[str, object]:
-    """Size and health of a mesh.
-
-    ``inverted`` says whether the faces of a (nearly) closed surface are wound inside out; it is
-    None for an open one, whose volume has no meaning.
-    """
+def describe_mesh(surface: SurfaceIndex) -> MeshFacts:
+    """Size and health of a mesh."""
     mesh = surface.mesh
     open_part = np.linalg.norm(surface.face_vectors.sum(axis=0)) / 2
     volume = surface.signed_volume if open_part < _NEARLY_CLOSED * surface.area else None
-    return {
-        "vertices": len(mesh.vertices),
-        "faces": len(mesh.faces),
-        "faces_without_area": int((surface.face_areas == 0).sum()),
-        "extent_m": surface.extent.tolist(),
-        "area_m2": surface.area,
-        "signed_volume_m3": volume,
-        "inverted": None if volume is None else volume < 0,
-    }
+    width, height, depth = surface.extent.tolist()
+    return MeshFacts(
+        vertices=len(mesh.vertices),
+        faces=len(mesh.faces),
+        faces_without_area=int((surface.face_areas == 0).sum()),
+        extent_m=(width, height, depth),
+        area_m2=surface.area,
+        signed_volume_m3=volume,
+        inverted=None if volume is None else volume < 0,
+    )
 
 
-def winding_warnings(
-    meshes: Mapping[str, Mapping[str, object]], normal_errors_deg: Floats
-) -> list[str]:
+def winding_warnings(meshes: Mapping[str, MeshFacts], normal_errors_deg: Floats) -> list[str]:
     """Says where faces wound inside out, rather than shape, drive the normal error.
 
     Args:
@@ -87,7 +84,7 @@ def winding_warnings(
     warnings = [
         f"the {role} mesh is inside out: its faces are wound clockwise seen from outside"
         for role, facts in meshes.items()
-        if facts["inverted"]
+        if facts.inverted
     ]
     opposed = float(np.mean(normal_errors_deg > 90))
     if not warnings and opposed > 0.5:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from harness.core.arrays import Floats
-from harness.core.records import MetricValue
+from harness.core.results import MetricValue
 from harness.core.units import MM_PER_METRE, Unit
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 from metrics.sampling import Sampling, sample_mean

@@ -6,42 +6,18 @@ turned inside out is 180 degrees off.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-
 import numpy as np
 
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
+from harness.core.results import AngularErrors
 from metrics.normals import angles_deg
 
-__all__ = ["THRESHOLDS_DEG", "AngularErrors", "angular_error_map", "angular_errors"]
+__all__ = ["THRESHOLDS_DEG", "angular_error_map", "angular_errors"]
 
 
 #: Pixels that are less off than this are counted.
 THRESHOLDS_DEG = (11.25, 22.5, 30.0)
-
-
-@dataclass(frozen=True, slots=True)
-class AngularErrors:
-    """Errors of some pixels; None where there are no pixels.
-
-    Attributes:
-        mean_deg, median_deg: Over the pixels.
-        share_below_11_25, share_below_22_5, share_below_30: Of the pixels, 0 to 1, those with an
-            error below so many degrees.
-        n: Pixels.
-    """
-
-    mean_deg: float | None
-    median_deg: float | None
-    share_below_11_25: float | None
-    share_below_22_5: float | None
-    share_below_30: float | None
-    n: int
-
-    def to_dict(self) -> dict[str, float | int | None]:
-        """Plain JSON values."""
-        return asdict(self)
 
 
 def angular_error_map(predicted: Floats, truth: Floats, mask: Mask) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.errors import DataError
-from harness.core.records import MetricValue
+from harness.core.results import MetricValue, NormalSummary
 from harness.core.units import Unit
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 from metrics.sampling import Sampling, sample_mean
@@ -23,8 +23,8 @@ __all__ = [
     "NormalWeights",
     "angles_deg",
     "compared",
-    "normal_diagnostics",
     "normal_error",
+    "normal_summary",
     "normals_at",
     "weighted",
 ]
@@ -91,14 +91,17 @@ def normal_error(errors_deg: Floats, sampling: Sampling) -> MetricValue:
     return sample_mean(compared(errors_deg), Unit.degree.value, sampling)
 
 
-def normal_diagnostics(errors_deg: Floats) -> dict[str, float]:
+def normal_summary(errors_deg: Floats, back_errors_deg: Floats) -> NormalSummary:
     """What tells wrong orientation from wrong shape.
 
-    ``median_deg`` and ``share_over_90`` of the oriented angles; ``unoriented_mean_deg`` takes a
-    normal and its opposite for the same, as some evaluations do.
+    Args:
+        errors_deg: (N,) oriented angles at the predicted points that have one.
+        back_errors_deg: (M,) the same at the true points; NaN where a point has none.
     """
-    return {
-        "median_deg": float(np.median(errors_deg)),
-        "share_over_90": float(np.mean(errors_deg > 90)),
-        "unoriented_mean_deg": float(np.mean(np.minimum(errors_deg, 180 - errors_deg))),
-    }
+    back_known = back_errors_deg[np.isfinite(back_errors_deg)]
+    return NormalSummary(
+        median_deg=float(np.median(errors_deg)),
+        share_over_90=float(np.mean(errors_deg > 90)),
+        unoriented_mean_deg=float(np.mean(np.minimum(errors_deg, 180 - errors_deg))),
+        truth_to_predicted_mean_deg=float(back_known.mean()) if len(back_known) else None,
+    )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from harness.core.records import MetricValue
+from harness.core.results import MetricValue
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 
 __all__ = ["Sampling", "sample_mean", "sample_surface"]

@@ -7,13 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
-
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import derive_seed
+from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
-from harness.core.records import MetricValue
+from harness.core.results import Diagnostics, MetricValue
 from harness.core.settings import MetricProtocol
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 from metrics.diagnostics import describe_distances, describe_mesh, f_scores, winding_warnings
@@ -27,8 +26,8 @@ from metrics.normals import (
     NormalWeights,
     angles_deg,
     compared,
-    normal_diagnostics,
     normal_error,
+    normal_summary,
     normals_at,
     weighted,
 )
@@ -68,7 +67,7 @@ class Score:
     Attributes:
         protocol: How the numbers were made; numbers of different protocols are not comparable.
         metrics: ``chamfer``, ``p2s_accuracy``, ``p2s_completeness`` and ``normal_error``.
-        diagnostics: Percentiles, F-scores and what the meshes are like; plain JSON values.
+        diagnostics: Percentiles, F-scores and what the meshes are like.
         warnings: What a reader of the numbers should know.
         predicted_points: Errors of the points on the prediction, where asked for.
         truth_points: Errors of the points on the truth, where asked for.
@@ -76,7 +75,7 @@ class Score:
 
     protocol: MetricProtocol
     metrics: Mapping[str, MetricValue]
-    diagnostics: Mapping[str, object]
+    diagnostics: Diagnostics
     warnings: tuple[str, ...]
     predicted_points: PointErrors | None = None
     truth_points: PointErrors | None = None
@@ -85,8 +84,8 @@ class Score:
         """Plain JSON values, without the errors point by point."""
         return {
             "protocol": {**self.protocol.to_dict(), "sha": self.protocol.sha},
-            "metrics": {name: value.to_dict() for name, value in self.metrics.items()},
-            "diagnostics": dict(self.diagnostics),
+            "metrics": to_json(self.metrics),
+            "diagnostics": to_json(self.diagnostics),
             "warnings": list(self.warnings),
         }
 
@@ -120,8 +119,9 @@ def score(
     """
     _check_protocol(protocol)
     with ThreadPoolExecutor(max_workers=2) as pool:
-        sides = pool.map(_Side.of, (predicted, truth), ("predicted", "truth"), (protocol,) * 2)
-        mine, true = sides
+        sampling_mine = pool.submit(_Side.of, predicted, "predicted", protocol)
+        sampling_true = pool.submit(_Side.of, truth, "truth", protocol)
+        mine, true = sampling_mine.result(), sampling_true.result()
     doubts = _doubts(mine, true, protocol, misplaced)
     there = _errors(mine, true, protocol, protocol.normal_weights)
     # The published evaluator looks this way alone; what it lacks cannot have its mistake.
@@ -129,18 +129,15 @@ def score(
     meshes = {"predicted": describe_mesh(mine.surface), "truth": describe_mesh(true.surface)}
     return Score(
         protocol=protocol,
-        metrics=_metrics((mine, true), there, back, protocol),
-        diagnostics={
-            "alignment": "none",
-            "predicted_to_truth": describe_distances(there.distances_mm),
-            "truth_to_predicted": describe_distances(back.distances_mm),
-            "f_score": f_scores(there.distances_mm, back.distances_mm),
-            "normals": {
-                **normal_diagnostics(compared(there.normal_errors_deg)),
-                "truth_to_predicted_mean_deg": _known_mean(back.normal_errors_deg),
-            },
-            "meshes": meshes,
-        },
+        metrics=_metrics(true, there, back, protocol),
+        diagnostics=Diagnostics(
+            alignment="none",
+            predicted_to_truth=describe_distances(there.distances_mm),
+            truth_to_predicted=describe_distances(back.distances_mm),
+            f_score=f_scores(there.distances_mm, back.distances_mm),
+            normals=normal_summary(compared(there.normal_errors_deg), back.normal_errors_deg),
+            meshes=meshes,
+        ),
         warnings=(
             *doubts,
             *unit_warnings(true.surface),
@@ -183,11 +180,6 @@ def _doubts(
     return tuple(turns)
 
 
-def _known_mean(errors_deg: Floats) -> float | None:
-    known = errors_deg[np.isfinite(errors_deg)]
-    return float(known.mean()) if len(known) else None
-
-
 def _errors(
     sampled: _Side, other: _Side, protocol: MetricProtocol, weights: NormalWeights
 ) -> PointErrors:
@@ -206,14 +198,14 @@ def _errors(
 
 
 def _metrics(
-    sides: tuple[_Side, _Side], there: PointErrors, back: PointErrors, protocol: MetricProtocol
+    true: _Side, there: PointErrors, back: PointErrors, protocol: MetricProtocol
 ) -> dict[str, MetricValue]:
     accuracy = point_to_surface(there.distances_mm, protocol.sampling)
     completeness = point_to_surface(back.distances_mm, protocol.sampling)
     if protocol.chamfer == "sample-to-sample":
         chamfer = replace(
             chamfer_sample_to_sample(there.points, back.points),
-            floor=_sampling_floor_mm(sides[1], protocol),
+            floor=_sampling_floor_mm(true, protocol),
         )
     else:
         chamfer = chamfer_point_to_surface(accuracy, completeness)

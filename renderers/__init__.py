@@ -1,1 +1,1 @@
-"""Turn a scan into a capture: calibrated photos with a proof that the cameras are exact."""
+"""Turn a scan into a capture: calibrated photos, and a check that the cameras are exact."""

@@ -1,4 +1,4 @@
-"""A scan becomes a capture: rendered, proved, and put in place as a whole."""
+"""A scan becomes a capture: rendered, checked, and put in place as a whole."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
+from harness.core.process.steps import StepReport, silent
 from harness.core.settings import RenderRecipe
 from renderers.catalog import RENDERERS
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
-from renderers.protocol import Progress, Renderer, RenderOutcome, silent, texture_of
+from renderers.protocol import Renderer, RenderOutcome, texture_of
 
 __all__ = ["CaptureInputs", "capture"]
 
@@ -25,13 +26,13 @@ _NOT_THE_PICTURES = ("renderers.proof", SourceTree.__module__)
 
 @dataclass(frozen=True, slots=True)
 class CaptureInputs:
-    """Everything that makes pictures; ``key`` is the content id of all of it.
+    """Everything that pictures depend on; ``key`` is the content id of all of it.
 
     Attributes:
         scan: ``Scan.identity()``.
         recipe: ``RenderRecipe.to_dict()``.
-        code: Digests by module of what reads the scan and renders it.
-        packages: Versions by name of the packages that these modules import.
+        code: Digests of the modules that read the scan and render it, by module.
+        packages: Versions of the packages that these modules import, by name.
         device: ``CPU`` or a GPU's interface, such as ``OPTIX``.
     """
 
@@ -43,12 +44,12 @@ class CaptureInputs:
 
     @classmethod
     def of(cls, scan: Scan, recipe: RenderRecipe, device: str) -> CaptureInputs:
-        """What pictures that are made now would be made from.
+        """The inputs of pictures that would be made now.
 
         Args:
-            scan: What is photographed.
-            recipe: How.
-            device: What computes, as ``RenderOutcome.device_kind``.
+            scan: The subject's scan.
+            recipe: Cameras, light and quality.
+            device: The computing device, as ``RenderOutcome.device_kind``.
 
         Raises:
             HarnessError: the recipe names an unknown renderer.
@@ -56,7 +57,7 @@ class CaptureInputs:
         code = scan.reader.get("code", {})
         packages = scan.reader.get("packages", {})
         module = RENDERERS.module(recipe.renderer)
-        # The proof looks at pictures and changes none of them.
+        # The check reads pictures and changes none of them.
         rendering = SourceTree.installed(module).digest([__name__, module], _NOT_THE_PICTURES)
         return cls(
             scan=scan.identity(),
@@ -81,24 +82,24 @@ def capture(
     mesh: Mesh,
     recipe: RenderRecipe,
     directory: Path,
-    progress: Progress = silent,
+    progress: StepReport = silent,
 ) -> Capture:
-    """Photograph a scan into ``directory``, which is replaced as a whole when all went well.
+    """Photograph a scan into ``directory``, which is replaced as a whole on success.
 
     Args:
-        scan: What is photographed.
+        scan: The subject's scan.
         mesh: Its surface in world metres, with texture.
-        recipe: How.
+        recipe: Cameras, light and quality.
         directory: Receives ``capture.json``, ``transforms.json`` and ``rgb/``.
-        progress: Told after every view.
+        progress: Called after every view.
 
     Raises:
-        DataError: no texture, an image that cannot be read, or a disk that refuses.
-        MethodError: the renderer died, or its pictures fail their proof.
+        DataError: no texture, an image that cannot be read, or a file that cannot be written.
+        MethodError: the renderer died, or its pictures fail the check.
         MissingPart: the renderer is not installed.
     """
     texture_of(mesh)
-    # Before the work: code that changes meanwhile must make the pictures stale, not current.
+    # Taken before the work, so that code that changes meanwhile makes the pictures stale.
     planned = CaptureInputs.of(scan, recipe, device="")
     renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
     cameras = recipe.cameras()

@@ -1,4 +1,4 @@
-"""The renderers by name; nothing is imported before one is asked for."""
+"""The renderers by name; a renderer is imported when it is first used."""
 
 from __future__ import annotations
 

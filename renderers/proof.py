@@ -1,4 +1,4 @@
-"""The proof of a render: its pictures show the mesh where the cameras say that it is."""
+"""The check of a render: its pictures show the mesh where the cameras project it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["ViewProof", "cut_warnings", "prove", "require_proof"]
 
 #: Odd, so that coverage never ties at one half.
 _SUPERSAMPLE = 3
-#: A vertex is on the outline when a ray this far outside it, in pixels, meets nothing.
+#: A vertex is on the outline if a ray this far outside of it, in pixels, hits nothing.
 _OUTSIDE_PX = 0.5
 
 
@@ -36,8 +36,8 @@ class ViewProof:
         reprojection_mean_px: Mean distance from the projected outline vertices of the mesh to the
             contour of alpha at one half, pixels; None where no outline vertex is in the frame.
         reprojection_p95_px: 95th percentile of the same.
-        outline_vertices: How many vertices that is.
-        cut: Whether the frame cuts the subject.
+        outline_vertices: Number of these vertices.
+        cut: Whether the subject reaches beyond the frame.
     """
 
     view: int
@@ -53,7 +53,7 @@ class ViewProof:
 
 
 def prove(mesh: Mesh, cameras: Sequence[Camera], directory: Path) -> tuple[ViewProof, ...]:
-    """One proof per view of the pictures below ``directory``, against a mesh in world metres.
+    """Compare the pictures below ``directory`` with a mesh in world metres; one result per view.
 
     Raises:
         DataError: a picture is missing, damaged or of another size than its camera.
@@ -71,7 +71,7 @@ def prove(mesh: Mesh, cameras: Sequence[Camera], directory: Path) -> tuple[ViewP
                 reprojection_mean_px=float(errors.mean()) if len(errors) else None,
                 reprojection_p95_px=float(np.percentile(errors, 95)) if len(errors) else None,
                 outline_vertices=len(outline),
-                cut=caster.window(camera).cut,
+                cut=caster.is_cut(camera),
             )
         )
     return tuple(proofs)
@@ -95,7 +95,7 @@ def require_proof(proofs: Sequence[ViewProof], minimum_iou: float, source: str) 
 
 
 def cut_warnings(proofs: Sequence[ViewProof]) -> tuple[str, ...]:
-    """A sentence naming the views in which the frame cuts the subject, or nothing."""
+    """One sentence that names the views in which the frame cuts the subject, or nothing."""
     views = [str(proof.view) for proof in proofs if proof.cut]
     if not views:
         return ()
@@ -104,17 +104,17 @@ def cut_warnings(proofs: Sequence[ViewProof]) -> tuple[str, ...]:
 
 
 def _iou(alpha: Floats, coverage: Floats) -> float:
-    """0 when neither shows anything: an empty picture proves nothing."""
+    """Intersection over union; 0 if both are empty, because an empty picture proves nothing."""
     rendered, cast = alpha > 0.5, coverage > 0.5
     union = int((rendered | cast).sum())
     return int((rendered & cast).sum()) / union if union else 0.0
 
 
 def _outline_pixels(caster: Raycaster, normals_world: Floats, camera: Camera) -> Floats:
-    """(N, 2) pixels of the vertices on the outline: found from mesh and camera, not the picture.
+    """(N, 2) pixels of the outline's vertices, found from mesh and camera, not from the picture.
 
-    They join a face seen from the front to one seen from behind, and just outside of them,
-    along the projected normal, there is nothing.
+    They join a face seen from the front to one seen from behind, and just outside of them, along
+    the projected normal, a ray hits nothing.
     """
     mesh = caster.mesh
     toward = camera.position - mesh.vertices[mesh.faces[:, 0]]

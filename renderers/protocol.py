@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import check_picture
 
-__all__ = ["Progress", "RenderOutcome", "Renderer", "silent", "texture_of"]
-
-#: Called with (views done, views in all).
-Progress = Callable[[int, int], None]
-
-
-def silent(_done: int, _total: int) -> None:
-    """Progress that nobody wants to hear of."""
+__all__ = ["RenderOutcome", "Renderer", "texture_of"]
 
 
 @dataclass(frozen=True, slots=True)
 class RenderOutcome:
-    """What a renderer says of its work.
+    """What a renderer reports about its work.
 
     Attributes:
-        device: What computed the pictures, such as ``CPU (2 threads)`` or a GPU's name.
+        device: The device that computed the pictures, such as ``CPU (2 threads)`` or a GPU's name.
         warnings: What a reader of the capture should know.
     """
 
@@ -36,7 +29,7 @@ class RenderOutcome:
 
     @property
     def device_kind(self) -> str:
-        """Its first word, which decides the pictures: ``CPU``, or a GPU's interface."""
+        """The first word of ``device``, which the pictures depend on: ``CPU`` or a GPU type."""
         return self.device.split()[0]
 
 
@@ -44,7 +37,7 @@ class Renderer(Protocol):
     """Photographs a mesh. Found by name in ``renderers.catalog``; made without arguments."""
 
     def render(
-        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """Write ``rgb/00.png`` and so on below ``directory``, one per camera of the recipe.
 
@@ -55,12 +48,12 @@ class Renderer(Protocol):
             mesh: World metres, with texture.
             recipe: Cameras, light and quality.
             directory: An existing folder.
-            progress: Told after every view.
+            progress: Called after every view.
 
         Raises:
             DataError: the mesh has no texture, or its image cannot be read.
             MethodError: the renderer died.
-            MissingPart: the program behind it is not installed.
+            MissingPart: the program that it uses is not installed.
         """
         ...
 
@@ -69,7 +62,7 @@ def texture_of(mesh: Mesh) -> Path:
     """The image file of a mesh's texture.
 
     Raises:
-        DataError: the mesh has none, the file is not there, or it is no picture of a possible size.
+        DataError: the mesh has none, the file is not there, or it is not a usable picture.
     """
     if mesh.texture is None or mesh.uv is None:
         raise DataError(

@@ -14,11 +14,12 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgb, save_png, srgb_from_linear
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
-from renderers.protocol import Progress, RenderOutcome, texture_of
+from renderers.protocol import RenderOutcome, texture_of
 from renderers.studio import key_light_position
 
 __all__ = ["RaycastRenderer"]
@@ -29,10 +30,10 @@ _SUPERSAMPLE = 3
 
 
 class RaycastRenderer:
-    """Casts nine rays a pixel with Open3D; samples, denoiser and seed do not matter to it."""
+    """Casts nine rays per pixel with Open3D; samples, denoiser and seed have no effect."""
 
     def render(
-        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
         texture = linear_texture(load_rgb(texture_of(mesh)))
@@ -47,14 +48,12 @@ class RaycastRenderer:
 def _picture(
     caster: Raycaster, texture: Floats, camera: Camera, recipe: RenderRecipe
 ) -> NDArray[np.uint8]:
-    """(H, W, 4) uint8, shaded finely within the mesh's window only."""
+    """(H, W, 4) uint8 picture; only the window around the mesh is ray-cast and shaded."""
     picture = np.zeros((camera.height, camera.width, 4), dtype=np.uint8)
     window = caster.window(camera)
-    if window.empty:
+    if window.is_empty:
         return picture
-    fine = camera.cropped(window.left, window.top, window.width, window.height).resized(
-        window.width * _SUPERSAMPLE, window.height * _SUPERSAMPLE
-    )
+    fine = window.camera(camera, (window.width * _SUPERSAMPLE, window.height * _SUPERSAMPLE))
     hits = caster.cast(fine)
     colour = texture_at(hits, caster.mesh, texture) * _light(hits, caster, fine, recipe)[..., None]
     blocks = (window.height, _SUPERSAMPLE, window.width, _SUPERSAMPLE)

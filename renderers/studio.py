@@ -1,11 +1,10 @@
 """The studio: a turntable under fixed lamps.
 
-Light comes evenly from everywhere, so that colours stay the texture's; a large soft key light
-stands at the upper left of the camera and casts the shade in which folds show. The key light
-belongs to the camera (the subject turns, the studio does not): every view is lit alike, as the
-photographs are that pictures of single people come from.
+Even light from all directions keeps the colours of the texture. A large soft key light at the upper
+left of the camera makes the shading in which folds are visible. The key light moves with the
+camera, as if the subject turned in a fixed studio, so that every view has the same light.
 
-Both strengths have one unit: what a white, unshaded surface that faces the light radiates. A sum
+Both strengths have one unit: the radiance of a white, unshaded surface that faces the light. A sum
 of 1 therefore just reaches the picture's white.
 """
 
@@ -23,7 +22,7 @@ __all__ = ["KEY_SIDE_M", "key_light_position", "square_light_radiance"]
 
 #: Side of the square key light, metres.
 KEY_SIDE_M = 1.6
-#: Where it stands from the camera: right, down, forward, as shares of the camera's distance.
+#: Its position relative to the camera: right, down, forward, as shares of the camera's distance.
 _KEY_OFFSET = (-0.55, -0.65, 0.15)
 
 

@@ -18,14 +18,14 @@ from harness.core.files.hashing import derive_seed
 
 __all__ = [
     "Interval",
-    "PairedDifference",
+    "bootstrap_ends",
     "bootstrap_interval",
-    "paired_difference",
+    "percentile_ends",
     "sign_flip_p_value",
 ]
 
-
 RESAMPLES = 10_000
+_QUOTED_RESAMPLES = 200_000
 #: Up to so many subjects all sign patterns are tried: 2^20 sums take 10 ms.
 _EXACT_UP_TO = 20
 _RANDOM_FLIPS = 20_000
@@ -48,21 +48,6 @@ class Interval:
     high: float | None
     n: int
     level: float = 0.95
-
-
-@dataclass(frozen=True, slots=True)
-class PairedDifference:
-    """First method minus second method over the subjects that both have.
-
-    Attributes:
-        interval: Of the mean difference; negative where the first method is better.
-        p_value: Of the two-sided sign-flip permutation test of "no difference".
-        first_is_lower: On how many subjects the first method has the lower value.
-    """
-
-    interval: Interval
-    p_value: float
-    first_is_lower: int
 
 
 def bootstrap_interval(
@@ -102,26 +87,29 @@ def bootstrap_interval(
     return Interval(mean, float(found.low), float(found.high), n, level)
 
 
-def paired_difference(
-    first: Sequence[float], second: Sequence[float], *, level: float = 0.95, seed: int = 0
-) -> PairedDifference:
-    """How two methods differ on the same subjects, in the same order.
+def bootstrap_ends(values: Sequence[float]) -> tuple[float, float]:
+    """Low and high end of the interval of a mean over subjects, as tables of runs show it.
 
     Raises:
-        HarnessError: not one value each per subject, no subject, or a value that is not finite.
+        HarnessError: fewer than two values, or one that is not finite.
     """
-    if len(first) != len(second):
-        raise HarnessError(
-            "methods can be compared only on the subjects that both have",
-            expected="one value each per subject",
-            got=f"{len(first)} and {len(second)} values",
-        )
-    differences = _checked(first) - _checked(second)
-    return PairedDifference(
-        interval=bootstrap_interval(differences.tolist(), level=level, seed=seed),
-        p_value=sign_flip_p_value(differences, seed=seed),
-        first_is_lower=int((differences < 0).sum()),
-    )
+    return _ends(bootstrap_interval(values))
+
+
+def percentile_ends(values: Sequence[float]) -> tuple[float, float]:
+    """The same from plain percentiles, as tables of published results show it.
+
+    Raises:
+        HarnessError: fewer than two values, or one that is not finite.
+    """
+    # So many that the ends do not move in the digits that are usually quoted.
+    return _ends(bootstrap_interval(values, method="percentile", resamples=_QUOTED_RESAMPLES))
+
+
+def _ends(found: Interval) -> tuple[float, float]:
+    if found.low is None or found.high is None:
+        raise HarnessError("an interval needs at least two subjects", got=f"{found.n}")
+    return found.low, found.high
 
 
 def sign_flip_p_value(differences: Sequence[float] | Floats, *, seed: int = 0) -> float:

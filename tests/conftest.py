@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import hashlib
 import os
+import pickle
 import signal
+from collections import OrderedDict
+from collections.abc import Callable
 from pathlib import Path
 
 # Before any test imports torch or Open3D: many small computations, a few cores, several workers.
@@ -42,6 +47,62 @@ def photograph():
         return np.round(255 * small).astype(np.uint8)
 
     return photo
+
+
+class Answers:
+    """What functions gave for arguments of the same content: the last ``most`` answers."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._known: OrderedDict[bytes, object] = OrderedDict()
+
+    def remembering(self, function: Callable, named: Callable[..., object]) -> Callable:
+        """The function, which works an answer out once; ``named`` holds all that it depends on."""
+
+        def remembered(*arguments):
+            content = pickle.dumps((function.__qualname__, named(*arguments)))
+            key = hashlib.sha256(content).digest()
+            if key not in self._known:
+                self._known[key] = function(*arguments)
+            self._known.move_to_end(key)
+            while len(self._known) > self._most:
+                self._known.popitem(last=False)
+            return copy.deepcopy(self._known[key])
+
+        return remembered
+
+
+@pytest.fixture(scope="session")
+def answers() -> Answers:
+    """Some 12 MB for each answer of a network."""
+    return Answers(most=32)
+
+
+@pytest.fixture
+def shared_fits(answers: Answers, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What several methods do to the very same numbers is done once for all tests that ask for it.
+
+    Landmark fits and networks depend on their arguments alone, which are compared by content: other
+    photos, other cameras or a moved world are worked out. Not for tests of repeatability. The body
+    model is told by its class, which has no settings (Anny).
+    """
+    from methods.body import fitting
+    from methods.normals.onnx_estimator import OnnxNormals
+
+    def start_named(body, views, detections, start):
+        start = {name: values.detach().numpy() for name, values in start.items()}
+        return type(body).__name__, views, detections, start
+
+    network = answers.remembering(
+        OnnxNormals.__call__, lambda own, *maps: (own.part.sha256, own.training_set, maps)
+    )
+    monkeypatch.setattr(OnnxNormals, "__call__", network)
+    for name, named in (
+        ("fit_each_view", lambda body, *more: (type(body).__name__, *more)),
+        ("fit_jointly", start_named),
+    ):
+        fit = answers.remembering(getattr(fitting, name), named)
+        monkeypatch.setattr(fitting, name, fit)
 
 
 @pytest.fixture(scope="session")

@@ -13,19 +13,7 @@ from typing import Annotated
 import typer
 
 from harness import __version__
-from harness.cli.verbs import (
-    check,
-    data,
-    doctor,
-    evaluate,
-    methods,
-    quickstart,
-    render,
-    report,
-    score,
-    train,
-    weights,
-)
+from harness.cli.verb_list import Verbs
 from harness.core.errors import HarnessError
 from harness.core.process.interrupts import Interrupted, stopped_by_signals
 
@@ -33,6 +21,7 @@ __all__ = ["app", "main"]
 
 app = typer.Typer(
     name="harness",
+    cls=Verbs,
     help="Measure how well clothed people are reconstructed in 3D from 1 to N calibrated photos.",
     no_args_is_help=True,
     add_completion=False,
@@ -58,19 +47,6 @@ def harness(
     ] = False,
 ) -> None:
     """Measure how well clothed people are reconstructed in 3D from 1 to N calibrated photos."""
-
-
-app.command("quickstart")(quickstart.quickstart)
-app.command("doctor")(doctor.doctor)
-app.add_typer(data.app, name="data")
-app.command("render")(render.render)
-app.command("eval")(evaluate.evaluate)
-app.command("score")(score.score)
-app.command("report")(report.report)
-app.command("check")(check.check)
-app.add_typer(methods.app, name="methods")
-app.add_typer(train.app, name="train")
-app.add_typer(weights.app, name="weights")
 
 
 def main() -> None:

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from harness.core.errors import HarnessError
+from harness.core.files.names import checked_name
+from harness.data.manifest import subject_range
 
 __all__ = [
     "Dataset",
@@ -30,22 +32,64 @@ __all__ = [
 WorkspacePath = Annotated[
     Path | None,
     typer.Option(
-        "--workspace", help="Folder of data/, captures/ and runs/.", envvar="HARNESS_WORKSPACE"
+        "--workspace",
+        metavar="FOLDER",
+        help="Folder that holds data/, captures/ and runs/. Default: the current folder.",
+        envvar="HARNESS_WORKSPACE",
     ),
 ]
 ManifestPath = Annotated[
-    Path | None, typer.Option("--manifest", help="Another data_manifest.yaml.")
+    Path | None,
+    typer.Option(
+        "--manifest",
+        metavar="FILE",
+        help="File that defines datasets, recipes and protocols. Default: data_manifest.yaml in "
+        "the current folder, or the one that is installed.",
+    ),
 ]
-Dataset = Annotated[str, typer.Option("--dataset", help="Dataset or split of the manifest.")]
+Dataset = Annotated[
+    str, typer.Option("--dataset", metavar="NAME", help="Dataset or split, as in the manifest.")
+]
 Subjects = Annotated[
-    str, typer.Option("--subjects", help="Only these: a01,a04 or t00001..t00020. Default: all.")
+    str,
+    typer.Option(
+        "--subjects",
+        metavar="IDS",
+        help="Subjects to use, such as a01,a04 or t00001..t00020. Default: all.",
+    ),
 ]
-Recipe = Annotated[str, typer.Option("--recipe", help="Render recipe of the manifest.")]
-Protocol = Annotated[str, typer.Option("--protocol", help="Metric protocol of the manifest.")]
-Run = Annotated[str | None, typer.Option("--run", help="Run folder. Default: the last one.")]
-Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Subjects worked on at once.")]
+Recipe = Annotated[
+    str,
+    typer.Option(
+        "--recipe",
+        metavar="NAME",
+        help="Recipe for the photos (cameras, size, renderer), as in the manifest.",
+    ),
+]
+Protocol = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        metavar="NAME",
+        help="Rules by which meshes become numbers, as in the manifest.",
+    ),
+]
+Run = Annotated[
+    str | None,
+    typer.Option(
+        "--run", metavar="NAME", help="Run to read, below runs/. Default: the one written last."
+    ),
+]
+Jobs = Annotated[
+    int, typer.Option("--jobs", metavar="N", min=1, help="Number of subjects worked on at once.")
+]
 Reason = Annotated[
-    str, typer.Option("--reason", help="Why sealed subjects are looked at; it is logged.")
+    str,
+    typer.Option(
+        "--reason",
+        metavar="TEXT",
+        help="Why you look at sealed subjects; needed for these only, and logged.",
+    ),
 ]
 Timeout = Annotated[
     float,
@@ -53,32 +97,34 @@ Timeout = Annotated[
         "--timeout",
         min=0.0,
         metavar="SECONDS",
-        help="Longest time for one subject's photos, or one reconstruction; 0 is no limit.",
+        help="Longest time for the photos of one subject, and for one reconstruction; 0 is no "
+        "limit.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-
-
 Set = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="A method's setting, NAME=VALUE; 'harness methods show' lists them."
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a setting of the method; may be repeated. 'harness methods show METHOD' "
+        "lists the settings.",
     ),
 ]
 
 
 def parsed_settings(texts: list[str] | None) -> dict[str, str]:
-    """What ``--set`` was given, by name.
+    """The values given with ``--set``, by name.
 
     Raises:
         HarnessError: a text without an equals sign.
     """
-    pairs = {}
+    pairs: dict[str, str] = {}
     for text in texts or []:
         name, separator, value = text.partition("=")
         if not separator:
             raise HarnessError(
-                f"--set {text}", expected="NAME=VALUE", hint="Like --set voxel_m=0.005"
+                f"--set {text}", expected="NAME=VALUE", hint="For example --set hull.voxel_m=0.005"
             )
         pairs[name.strip()] = value.strip()
     return pairs
@@ -95,9 +141,6 @@ def split_names(text: str) -> tuple[str, ...]:
     Raises:
         HarnessError: something that is no name.
     """
-    from harness.core.files.names import checked_name
-    from harness.data.manifest import subject_range
-
     names = [name.strip() for name in text.split(",") if name.strip()]
     found = [single for name in names for single in subject_range(name) or (name,)]
     return tuple(checked_name("method or subject", name) for name in found)

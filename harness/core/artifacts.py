@@ -1,4 +1,4 @@
-"""The values that travel through the house: Scan, Capture, Reconstruction.
+"""The values that stages pass on: Scan, Capture, Reconstruction.
 
 Each is a plain frozen value with a form on disk, so that each stage can be run, resumed, replaced
 or supplied from elsewhere on its own.
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Ints
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import views_from_front
 from harness.core.errors import DataError, MethodError
@@ -26,8 +26,8 @@ from harness.core.mesh import Mesh
 
 __all__ = [
     "CAPTURE_SCHEMA",
-    "OFF_MODEL",
     "Body",
+    "BodyLandmarks",
     "Capture",
     "NormalMaps",
     "Reconstruction",
@@ -38,9 +38,6 @@ __all__ = [
 
 
 CAPTURE_SCHEMA = 1
-#: In the file of a true body: how far (r.m.s., metres) its surface is from what the body model
-#: gives for its parameters; absent where the model gives the surface itself.
-OFF_MODEL = "off_model_rms_m"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +53,14 @@ class Scan:
         scan_to_world: (4, 4) similarity from file coordinates to world metres: +Y up, facing +Z,
             bounding box centred at the origin. Under the scale rule ``units`` it is the identity:
             the world is the file's own, and its unit counts as a metre.
-        sha256: Of every file that the scan is made from, by file name.
+        sha256: Digest of every file that the scan is made from, by file name.
         warnings: What a reader of the numbers should know, such as an unusual height.
         body_path: Parameters and vertices of the true body, where the dataset has them.
         labels_path: Per-face region labels, where the dataset has them.
         front_yaw_deg: Where the subject faces in the world, from +Z towards +X; not 0 only under
             the scale rule ``units``, which turns nothing.
-        truth_sha256: Of body and labels, by file name: scores depend on them, photos do not.
+        truth_sha256: Digests of body and labels, by file name: scores depend on them, photos do
+            not.
         reader: ``code`` and ``packages`` that turn the files into metres, as of ``SourceDigest``.
     """
 
@@ -233,7 +231,20 @@ class StageCost:
     peak_gpu_mib: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyLandmarks:
+    """Where the landmarks that a detector marks in photos are on a body.
+
+    Attributes:
+        indices: (K,) the detector's numbers of the landmarks that the body model has.
+        points: (K, 3) their places, world metres.
+    """
+
+    indices: Ints
+    points: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Body:
     """A fitted parametric body in the world frame.
 
@@ -242,14 +253,37 @@ class Body:
         vertices: (V, 3) metres.
         joints: (J, 3) metres.
         faces: (F, 3) vertex indices.
-        parameters: The model's own parameters, as arrays.
+        parameters: The model's own parameters, as arrays that its own software takes.
+        joint_names: J names; empty where the model names none.
+        main_joints: (M,) indices of the joints that errors are measured at.
+        landmarks: The detector's landmarks on this body, where the model knows them.
     """
 
     model: str
     vertices: Floats
     joints: Floats
     faces: NDArray[np.int32]
-    parameters: Mapping[str, NDArray[Any]]
+    parameters: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
+    joint_names: tuple[str, ...] = ()
+    main_joints: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    landmarks: BodyLandmarks | None = None
+
+    def to_arrays(self) -> dict[str, Any]:
+        """The content of ``body.npz``: the model's parameters are ``parameter_`` and their name."""
+        arrays: dict[str, Any] = {
+            "model": np.array(self.model),
+            "vertices": self.vertices,
+            "joints": self.joints,
+            "faces": self.faces,
+            **{f"parameter_{name}": value for name, value in self.parameters.items()},
+        }
+        if self.joint_names:
+            arrays["parameter_joint_names"] = np.array(self.joint_names)
+            arrays["parameter_main_joints"] = self.main_joints
+        if self.landmarks is not None:
+            arrays["parameter_landmark_index"] = self.landmarks.indices
+            arrays["parameter_landmark_points"] = self.landmarks.points
+        return arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,7 +333,7 @@ class Reconstruction:
         mesh: Clothed surface, metres, world frame.
         body: The fitted body, for methods that fit one.
         details: Whatever a reader of the record should know, as JSON values.
-        normals: Of the views in which normals were estimated, for methods that do.
+        normals: Maps of the views in which the method estimated normals; empty where it does not.
     """
 
     mesh: Mesh

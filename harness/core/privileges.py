@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import StrEnum
 
 __all__ = ["Privilege"]
@@ -31,12 +30,6 @@ class Privilege(StrEnum):
     def sentence(self) -> str:
         """One sentence that says what is given."""
         return _SENTENCES[self]
-
-    @classmethod
-    def known_among(cls, values: Iterable[str]) -> tuple[Privilege, ...]:
-        """The privileges behind a record's strings; what a newer version added is left out."""
-        known = {member.value for member in cls}
-        return tuple(cls(value) for value in values if value in known)
 
 
 _SENTENCES = {

@@ -1,4 +1,4 @@
-"""The plug-in protocols: Method, Metric, BodyModel, NormalEstimator."""
+"""The plug-in protocols: Method, Configurable and NormalEstimator."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.mesh import Mesh
+from harness.core.errors import MethodError
 from harness.core.privileges import Privilege
 
 __all__ = [
-    "BodyModel",
+    "Configurable",
     "Context",
     "Deviation",
     "Method",
@@ -35,7 +32,7 @@ class Part:
         role: What it is for, such as ``body model``.
         name: What it is, with its version.
         licence: SPDX id or the licence's name.
-        sha256: Of its weights, where it has any.
+        sha256: Digest of its weights, where it has any.
     """
 
     role: str
@@ -90,9 +87,13 @@ class MethodInfo:
             back), or None for all views.
         parts: Ingredients with their licences.
         privileges: What it is given beyond pixels.
-        parameters: Every setting that influences the output, nested by room such as ``body``.
+        parameters: Every setting that influences the output, by the name of the room that it
+            belongs to, such as ``body``, and by its own.
         deviations: Differences from the publication whose name the method carries; empty for a
             method that claims no publication.
+
+    Raises:
+        MethodError: parameters that are not grouped by room.
     """
 
     name: str
@@ -100,8 +101,20 @@ class MethodInfo:
     views: tuple[int, ...] | None = None
     parts: tuple[Part, ...] = ()
     privileges: tuple[Privilege, ...] = ()
-    parameters: Mapping[str, object] = field(default_factory=dict[str, object])
+    parameters: Mapping[str, Mapping[str, object]] = field(
+        default_factory=dict[str, Mapping[str, object]]
+    )
     deviations: tuple[Deviation, ...] = ()
+
+    def __post_init__(self) -> None:
+        # Methods of third parties are not type-checked with ours.
+        for room, own in self.parameters.items():
+            if not isinstance(own, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance]
+                raise MethodError(
+                    f"the parameters of method '{self.name}' are not grouped by room",
+                    expected="settings by room, such as {'hull': {'voxel_m': 0.01}}",
+                    got=f"{room!r}: {own!r}",
+                )
 
     def identity(self) -> dict[str, object]:
         """What of this decides the output: everything but words for readers."""
@@ -110,7 +123,7 @@ class MethodInfo:
             "views": None if self.views is None else list(self.views),
             "parts": [part.to_dict() for part in self.parts],
             "privileges": [privilege.value for privilege in self.privileges],
-            "parameters": dict(self.parameters),
+            "parameters": {room: dict(own) for room, own in self.parameters.items()},
         }
 
     def to_dict(self) -> dict[str, object]:
@@ -157,22 +170,20 @@ class Method(Protocol):
         ...
 
 
-class Metric(Protocol):
-    """Compares two meshes in the world frame, in metres, under a protocol."""
+@runtime_checkable
+class Configurable(Protocol):
+    """What a method with settings has besides; a method without any need not have it.
 
-    def __call__(self, predicted: Mesh, truth: Mesh, protocol: Any) -> Any:
-        """The metric's value with its unit and per-point errors."""
-        ...
+    It is no ``Method`` itself: asking whether a method is one would ask for its ``info``, which
+    fails where a part is missing, though other settings may choose to do without that part.
+    """
 
+    def configured(self, parameters: Mapping[str, str]) -> Method:
+        """The method with other settings, given as text by ``room.setting``.
 
-class BodyModel(Protocol):
-    """A differentiable parametric body."""
-
-    name: str
-    faces: NDArray[np.int32]
-
-    def __call__(self, parameters: Mapping[str, Any]) -> tuple[Any, Any]:
-        """Vertices (B, V, 3) and joints (B, J, 3), metres, as tensors."""
+        Raises:
+            HarnessError: a name that is no setting, or a text that a setting cannot be.
+        """
         ...
 
 

@@ -1,90 +1,152 @@
-"""One scored cell of the run matrix (method x subject), and its form on disk."""
+"""The record of one cell of the run matrix (method x subject): its schema, and its form on disk.
+
+Every key of ``record.json`` is a field of a dataclass, here or in ``harness.core.results``,
+``artifacts`` (stages) and ``protocols`` (the method), with its explanation below it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
+from harness.core.formats.typed_json import from_json, to_json
+from harness.core.privileges import Privilege
+from harness.core.protocols import MethodInfo
+from harness.core.results import Diagnostics, MetricValue, NormalMapErrors, RegionErrors
+from harness.core.settings import MetricProtocol
 from harness.core.units import UNITS_RULE
 
-__all__ = ["RECORD_SCHEMA", "MetricValue", "Record", "Status"]
+__all__ = [
+    "RECORD_SCHEMA",
+    "CaptureStamp",
+    "Environment",
+    "ProtocolStamp",
+    "Record",
+    "Status",
+]
 
-RECORD_SCHEMA = 1
+RECORD_SCHEMA = 2
 
 Status = Literal["ok", "failed", "missing"]
 
 
 @dataclass(frozen=True, slots=True)
-class MetricValue:
-    """A metric's estimate.
+class ProtocolStamp:
+    """Which metric protocol made the numbers."""
 
-    Attributes:
-        value: In ``unit``; lower is better for every metric here.
-        unit: ``mm`` or ``deg``.
-        n: How many points it is the mean of.
-        standard_error: Of the sampling, in ``unit``.
-        floor: What the truth itself scores because of the sampling, where that is not 0.
-    """
+    name: str
+    """As on the command line."""
+    version: int | None
+    """The protocol's digest; None where others measured and gave none."""
+    sha: str
+    """Content id of all settings; empty likewise."""
+    settings: MetricProtocol | None = None
+    """All settings; None likewise."""
 
-    value: float
-    unit: str
-    n: int
-    standard_error: float
-    floor: float = 0.0
+    @classmethod
+    def of(cls, protocol: MetricProtocol) -> ProtocolStamp:
+        """The stamp of numbers that are measured here."""
+        return cls(protocol.name, protocol.version, protocol.sha, protocol)
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return asdict(self)
+    @property
+    def text(self) -> str:
+        """Name, version and sha in words."""
+        version = "" if self.version is None else f" version {self.version} (sha {self.sha})"
+        return f"{self.name}{version}"
+
+    def to_flat(self) -> dict[str, object]:
+        """All settings and the sha in one object, as tables for programs show them."""
+        if self.settings is None:
+            return {"name": self.name, "version": self.version, "sha": self.sha}
+        return {**asdict(self.settings), "sha": self.sha}
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureStamp:
+    """Which photos the method saw."""
+
+    key: str = ""
+    """Content id of everything that made the photos; empty where there were none."""
+    warnings: tuple[str, ...] = ()
+    """What is wrong with the photos, such as a view in which the frame cuts the subject."""
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """Where and with what a record was made."""
+
+    harness: str = ""
+    """Version of this package."""
+    python: str = ""
+    """Version of the interpreter."""
+    system: str = ""
+    """Operating system with its version."""
+    machine: str = ""
+    """Processor architecture."""
+    cpus: int | None = None
+    """Number of logical processors."""
+    packages: Mapping[str, str | None] = field(default_factory=dict[str, str | None])
+    """Version by name of each package that numbers may depend on; None where not installed."""
+    commit: str | None = None
+    """The checkout's commit; None where the package was installed."""
+    dirty: bool | None = None
+    """Whether the checkout had changes that are in no commit; None likewise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What is known of one method on one subject.
-
-    Attributes:
-        key: Content id of ``inputs``; a record with another key is stale. Empty where they could
-            not be told, such as for photos that could not be made.
-        method: ``MethodInfo.to_dict()``.
-        dataset, subject, recipe: What was reconstructed, from which photos.
-        protocol: Name, version and hash of the metric protocol.
-        capture: Key of the capture and its warnings.
-        seed: Root seed of the run.
-        status: ``ok``, ``failed`` (it was tried) or ``missing`` (a part is not installed).
-        reason: Why not ``ok``.
-        metrics: By metric id; empty unless ``ok``.
-        stages: Cost by stage.
-        details: What the method or the scorer wants a reader to know.
-        environment: Host, package versions, commit and dirty flag.
-        created_utc: ISO 8601.
-        scale_rule: What turned the scan's units into metres; empty in records of earlier versions,
-            all of whose rules gave metres.
-        inputs: Everything that the numbers depend on, in readable form.
-        files: sha256 of the results beside the record, by file name, such as ``mesh.ply``.
-    """
+    """What is known of one method on one subject."""
 
     key: str
-    method: Mapping[str, object]
+    """Content id of ``inputs``; a record with another key is stale. Empty where the inputs are not
+    known, such as for photos that could not be made."""
+    method: MethodInfo
+    """What the method says of itself, with the settings that it ran with."""
     dataset: str
+    """Name of the dataset in the manifest."""
     subject: str
+    """Id within the dataset."""
     recipe: str
-    protocol: Mapping[str, object]
-    capture: Mapping[str, object]
+    """Name of the render recipe of the photos; empty for a mesh made elsewhere."""
+    protocol: ProtocolStamp
+    """How the mesh became numbers."""
+    capture: CaptureStamp
+    """The photos."""
     seed: int
+    """Root seed of the run."""
     status: Status
+    """``ok``, ``failed`` (it was tried) or ``missing`` (a part is not installed)."""
     reason: str = ""
+    """Why not ``ok``; empty if it is."""
     metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
+    """Estimates by metric id; empty unless ``ok``."""
+    regions: Mapping[str, RegionErrors] = field(default_factory=dict[str, RegionErrors])
+    """Errors by region of the true surface; empty where the scan has no labels."""
+    normal_maps: tuple[NormalMapErrors, ...] = ()
+    """Errors of the method's normal maps by view and side; empty for a method without maps."""
+    warnings: tuple[str, ...] = ()
+    """Doubts about the numbers: another unit, place or frame, or faces wound inside out."""
+    diagnostics: Diagnostics | None = None
+    """What stands behind the means; None unless ``ok``."""
     stages: tuple[StageCost, ...] = ()
+    """Time and memory by stage of the method, in order."""
     details: Mapping[str, object] = field(default_factory=dict[str, object])
-    environment: Mapping[str, object] = field(default_factory=dict[str, object])
+    """What the method wants a reader to know, as JSON values. Nothing here reads it back."""
+    environment: Environment | None = None
+    """Where and with what the record was made; None where that is not known."""
     created_utc: str = ""
+    """When, ISO 8601."""
     scale_rule: str = ""
+    """What turned the scan's units into metres; empty where that is not known."""
     inputs: Mapping[str, object] = field(default_factory=dict[str, object])
+    """Everything that the numbers depend on, in readable form: settings, code, photos, truth."""
     files: Mapping[str, str] = field(default_factory=dict[str, str])
+    """sha256 of the results beside the record, by file name, such as ``mesh.ply``."""
 
     @property
     def length_unit(self) -> str:
@@ -92,13 +154,18 @@ class Record:
         return "scan unit" if self.scale_rule == UNITS_RULE else "metre"
 
     @property
+    def privileges(self) -> tuple[Privilege, ...]:
+        """What the method was given beyond pixels."""
+        return self.method.privileges
+
+    @property
     def method_name(self) -> str:
         """The method's name on the command line."""
-        return str(self.method["name"])
+        return self.method.name
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values, with the schema's version first."""
-        return {"schema": RECORD_SCHEMA, **asdict(self)}
+        return {"schema": RECORD_SCHEMA, **to_json(self)}
 
     def save(self, path: Path) -> None:
         """Write ``record.json`` atomically."""
@@ -120,18 +187,4 @@ class Record:
                 got=str(schema),
                 hint="Run the evaluation again to replace it",
             )
-        try:
-            document["metrics"] = {
-                name: MetricValue(**value) for name, value in document["metrics"].items()
-            }
-            document["stages"] = tuple(StageCost(**stage) for stage in document["stages"])
-            record = cls(**document)
-        except (KeyError, TypeError, AttributeError) as error:
-            raise DataError(f"{path} is not a record", got=str(error)) from error
-        if record.status not in get_args(Status):
-            raise DataError(
-                f"{path} has an unknown status",
-                expected=", ".join(get_args(Status)),
-                got=str(record.status),
-            )
-        return record
+        return from_json(cls, document, path, "a record")

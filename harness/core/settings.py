@@ -103,7 +103,7 @@ class RenderRecipe:
         key_light_strength: What it radiates under the large soft light at the upper left of every
             view's camera that lets folds cast shade; 0 turns it off. A sum of 1 just reaches white.
         denoise: Whether the renderer's denoiser runs on colour (alpha is never denoised).
-        seed: Of the light paths.
+        seed: Seed of the light paths.
         minimum_mask_iou: The proof: least IoU of alpha and ray-cast mask in any view.
     """
 

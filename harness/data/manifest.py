@@ -78,7 +78,7 @@ class Dataset(_Strict):
     Attributes:
         title: Name in tables.
         kind: ``generated`` is made here; ``thuman`` is the user's own licensed copy.
-        licence: Of the scans.
+        licence: Licence of the scans.
         root: Folder; ``${VARIABLE}`` is taken from the environment, relative paths from the
             workspace.
         scale: ``metres``, ``fit`` (units divided by the SMPL-X fit's scale), ``height=1.75``, or
@@ -89,7 +89,7 @@ class Dataset(_Strict):
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
-        scan_noise_mm: Of generated subjects: standard deviation of bumps such as a scanner leaves.
+        scan_noise_mm: For generated subjects: standard deviation of bumps such as a scanner leaves.
         sealed: Kept for the last test: looking at it needs a reason and is logged.
         source: Where the user gets the data.
         sha256: Expected checksums by path below the root.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import struct
 import warnings
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MOST_PIXELS",
+    "PictureFile",
     "check_picture",
     "composite",
     "linear_from_srgb",
@@ -32,20 +32,22 @@ __all__ = [
     "normal_colours",
     "packed_normals",
     "resampled",
+    "sampled",
     "save_png",
     "srgb_from_linear",
     "unit_normals",
 ]
 
 Result = TypeVar("Result")
+Number = TypeVar("Number", bound=np.generic)
 
 #: Larger pictures are refused: the largest textures of scans have 8192 x 8192 pixels.
 MOST_PIXELS = 8192 * 8192
 #: Formats that decode in this process; Pillow gives others, such as EPS, to other programs.
 _TEXTURE_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "TGA")
 
-#: Photos of one capture that stay decoded; eight of the paper's size take 66 MB.
-_PHOTOS_KEPT = 8
+#: Decoded photos stay in memory up to this many bytes: 32 of the paper's size.
+_KEPT_BYTES = 256 * 2**20
 #: The last chunk of every complete PNG; Pillow itself does not miss it.
 _PNG_END = b"IEND\xaeB`\x82"
 
@@ -60,10 +62,7 @@ def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
     Raises:
         DataError: no such file, not a PNG, truncated or damaged, another mode or size.
     """
-    if not path.is_file():
-        raise DataError(f"no image at {path}")
-    stamp = path.stat()
-    rgba = _decoded(path, stamp.st_mtime_ns, stamp.st_size)
+    rgba = _photos(PictureFile.of(path))
     height, width = rgba.shape[:2]
     if size is not None and (width, height) != tuple(size):
         raise DataError(
@@ -75,13 +74,48 @@ def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
     return rgba
 
 
-@functools.lru_cache(maxsize=_PHOTOS_KEPT)
-def _decoded(
-    path: Path,
-    modified_ns: int,  # noqa: ARG001 - the cache's: a file that was written anew is read anew
-    size_bytes: int,  # noqa: ARG001 - the cache's
-) -> Bytes:
-    """A photo's pixels, read-only; decoded once, because several stages of a method want them."""
+class PictureFile(NamedTuple):
+    """A file as it is on disk now: what is kept under it holds as long as the file does."""
+
+    path: Path
+    modified_ns: int
+    size_bytes: int
+
+    @classmethod
+    def of(cls, path: Path) -> PictureFile:
+        """The file at a path.
+
+        Raises:
+            DataError: there is none.
+        """
+        if not path.is_file():
+            raise DataError(f"no image at {path}")
+        stamp = path.stat()
+        return cls(path, stamp.st_mtime_ns, stamp.st_size)
+
+
+class _Kept:
+    """Decoded photos by their files, the least recently used dropped first."""
+
+    def __init__(self) -> None:
+        self._pixels: dict[PictureFile, Bytes] = {}
+
+    def __call__(self, file: PictureFile) -> Bytes:
+        """The photo's pixels; decoded once, because several stages of a method want them."""
+        pixels = self._pixels.pop(file, None)
+        if pixels is None:
+            pixels = _decoded(file.path)
+        self._pixels[file] = pixels
+        while len(self._pixels) > 1 and sum(p.nbytes for p in self._pixels.values()) > _KEPT_BYTES:
+            del self._pixels[next(iter(self._pixels))]
+        return pixels
+
+
+_photos = _Kept()
+
+
+def _decoded(path: Path) -> Bytes:
+    """(H, W, 4) pixels of an RGBA PNG, read-only."""
     image = _open_png(path)
     if image.mode != "RGBA":
         raise DataError(
@@ -244,6 +278,17 @@ def resampled(image: Floats, size: tuple[int, int], kernel: Literal["box", "bili
         for channel in np.moveaxis(np.atleast_3d(image).astype(np.float32), -1, 0)
     ]
     return np.stack(channels, axis=-1) if image.ndim == 3 else channels[0]
+
+
+def sampled(image: NDArray[Number], pixels: Floats) -> NDArray[Number]:
+    """(N,) values of an image (H, W) at pixel coordinates (N, 2), bilinear; the border's beyond it.
+
+    The centre of the top-left pixel is (0.5, 0.5).
+    """
+    from scipy.ndimage import map_coordinates
+
+    values = map_coordinates(image, pixels[:, ::-1].T - 0.5, order=1, mode="nearest")
+    return np.asarray(values, dtype=image.dtype)
 
 
 def linear_from_srgb(colour: ArrayLike) -> Floats:

@@ -24,9 +24,9 @@ def vertex_openness(caster: Raycaster, rays: int, seed: int) -> Floats:
     random for each vertex. A convex surface is 1 everywhere.
 
     Args:
-        caster: Of the surface.
+        caster: Rays against the surface.
         rays: Per vertex.
-        seed: Of the turns.
+        seed: Seed of the random turns of the rays about each normal.
     """
     mesh = caster.mesh
     normals = vertex_normals(mesh)
@@ -56,7 +56,7 @@ def lit_share(caster: Raycaster, points: Floats, normals: Floats, lamp: Floats) 
     """(N,) share of a lamp that points (N, 3) on the surface see, world metres.
 
     Args:
-        caster: Of the surface.
+        caster: Rays against the surface.
         points: On it.
         normals: (N, 3) unit, out of it.
         lamp: (L, 3) points of the lamp.

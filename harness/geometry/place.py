@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.arrays import Floats, Mask
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
+from harness.geometry.outline import Outline
+from harness.geometry.window import Window
 
-__all__ = ["MEAN_HEIGHT_M", "Place", "mask_box", "place_of"]
+__all__ = ["MEAN_HEIGHT_M", "Place", "place_of"]
 
 
 #: What a person's silhouette is taken to span where a single view tells no distance.
@@ -49,45 +51,37 @@ class Place:
         return float(camera.forward @ (self.centre - camera.position))
 
 
-def mask_box(mask: Mask) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of a mask (H, W) that is true somewhere, in pixels."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
-
-
-def place_of(cameras: Sequence[Camera], masks: Sequence[Mask]) -> Place:
-    """The place of a subject from its silhouettes (H, W) in one or more cameras.
+def place_of(outlines: Sequence[Outline]) -> Place:
+    """The place of a subject from its silhouettes in one or more views.
 
     One linear least-squares problem: the middle lies on the ray through the middle of each box,
     at the depth at which the box is as high as the subject, whose height is an unknown that the
     views share.
 
     Raises:
-        MethodError: a mask is empty, or the subject would be behind a camera.
+        MethodError: a silhouette is empty, or the subject would be behind a camera.
     """
-    if any(not mask.any() for mask in masks):
+    if any(outline.is_empty for outline in outlines):
         raise MethodError("a view shows no subject", expected="a mask that is not empty")
-    boxes = [mask_box(mask) for mask in masks]
+    cameras, boxes = [o.camera for o in outlines], [o.box for o in outlines]
     rows: list[Floats] = [np.array([0.0, 0.0, 0.0, _HEIGHT_WEIGHT])]
     values: list[float] = [_HEIGHT_WEIGHT * MEAN_HEIGHT_M]
-    for camera, (left, top, right, bottom) in zip(cameras, boxes, strict=True):
-        middle = np.array([[(left + right) / 2, (top + bottom) / 2]])
+    for camera, box in zip(cameras, boxes, strict=True):
+        middle = np.array([[(box.left + box.right) / 2, (box.top + box.bottom) / 2]])
         ray = camera.ray_directions(middle)[0]
         ray = ray / np.linalg.norm(ray)
         across = np.eye(3) - np.outer(ray, ray)
         rows += [np.append(row, 0.0) for row in across]
         values += (across @ camera.position).tolist()
-        depth_per_height = camera.K[1, 1] / (bottom - top)
+        depth_per_height = camera.K[1, 1] / box.height
         rows.append(_SIZE_WEIGHT * np.append(camera.forward, -depth_per_height))
         values.append(_SIZE_WEIGHT * float(camera.forward @ camera.position))
     solution = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
     return _spanned(solution[:3], cameras, boxes)
 
 
-def _spanned(
-    centre: Floats, cameras: Sequence[Camera], boxes: Sequence[tuple[int, int, int, int]]
-) -> Place:
-    """The place around a middle, with what the boxes (left, top, right, bottom) span there."""
+def _spanned(centre: Floats, cameras: Sequence[Camera], boxes: Sequence[Window]) -> Place:
+    """The place around a middle, with what the boxes span there."""
     depths = [float(camera.forward @ (centre - camera.position)) for camera in cameras]
     if min(depths) <= 0:
         raise MethodError(
@@ -98,9 +92,8 @@ def _spanned(
         )
     heights, widths = [], []
     for camera, box, depth in zip(cameras, boxes, depths, strict=True):
-        left, top, right, bottom = box
-        widths.append((right - left) / 2 * depth / camera.K[0, 0])
-        heights.append((bottom - top) / 2 * depth / camera.K[1, 1])
+        widths.append(box.width / 2 * depth / camera.K[0, 0])
+        heights.append(box.height / 2 * depth / camera.K[1, 1])
     positions = np.array([camera.position for camera in cameras])
     baseline = np.linalg.norm(positions[:, None] - positions[None], axis=2).max()
     known = bool(baseline > _LEAST_BASELINE * min(depths))

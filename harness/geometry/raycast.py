@@ -1,5 +1,10 @@
 """Rays against a mesh: depth, masks, normals and visibility from any camera.
 
+A mesh has two sides along a camera's rays: ``near`` is what a ray meets first, ``far`` what it
+meets last. ECON's front and back maps, which share one pixel grid, are the near and the far side of
+their photo; under full perspective the far side is therefore not what a second camera sees. The
+words front and back are left for the person and for those maps.
+
 One Embree scene (Open3D's ``RaycastingScene``) per mesh, moved to the mesh's centre because Embree
 computes in float32: from 3 m away a depth is then good to a few micrometres.
 """
@@ -17,20 +22,24 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
-from harness.geometry.screen import Rectangle, screen_rectangle
 from harness.geometry.surface import vertex_normals
+from harness.geometry.window import Window, is_cut
 
-__all__ = ["Hits", "Raycaster", "to_map_frame"]
+__all__ = ["Frame", "Hits", "Raycaster", "Side", "to_map_frame"]
 
 Frame = Literal["world", "camera"]
+#: The first and the last surface along the rays of a camera.
+Side = Literal["near", "far"]
 
 #: Rays per call, which bounds memory to about 100 MB whatever the picture's size.
 _BATCH = 1 << 20
+#: The rays to the far side start this much behind the mesh, metres.
+_BEHIND_M = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """What each pixel's central ray meets first.
+    """What each pixel's central ray meets, first or last.
 
     Attributes:
         depth: (H, W) metres along the optical axis; NaN where nothing is met.
@@ -41,6 +50,27 @@ class Hits:
     depth: Floats
     face: NDArray[np.int32]
     barycentric: NDArray[np.float32]
+
+    @classmethod
+    def nothing(cls, camera: Camera) -> Hits:
+        """A camera's picture in which no ray has met anything; to be filled."""
+        shape = (camera.height, camera.width)
+        return cls(
+            depth=np.full(shape, np.nan),
+            face=np.full(shape, -1, dtype=np.int32),
+            barycentric=np.zeros((*shape, 3), dtype=np.float32),
+        )
+
+    def fill(self, where: tuple[slice, slice], depth: Floats, answer: Any) -> None:
+        """Write Open3D's answer to the rays of some rows and columns, met where depth is finite."""
+        met = np.isfinite(depth)
+        face = answer["primitive_ids"].numpy().reshape(depth.shape)
+        self.depth[where][met] = depth[met]
+        self.face[where][met] = face[met].astype(np.int32)
+        # Open3D's (u, v) weigh the second and third corner.
+        second_third = answer["primitive_uvs"].numpy().reshape(*depth.shape, 2)[met]
+        weights = np.column_stack([1.0 - second_third.sum(axis=1), second_third])
+        self.barycentric[where][met] = weights
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -81,24 +111,34 @@ class Raycaster:
         self._used = mesh.vertices[np.unique(mesh.faces)]
         self._normals: Floats | None = None
 
-    def cast(self, camera: Camera) -> Hits:
-        """The first hit of every pixel's central ray; only the mesh's own window is cast."""
-        shape = (camera.height, camera.width)
-        depth = np.full(shape, np.nan)
-        face = np.full(shape, -1, dtype=np.int32)
-        barycentric = np.zeros((*shape, 3), dtype=np.float32)
+    def cast(self, camera: Camera, side: Side = "near") -> Hits:
+        """What every pixel's central ray meets; only the mesh's own window is cast.
+
+        Depth (H, W) is in metres along the camera's optical axis for both sides.
+        """
+        return self._cast_near(camera) if side == "near" else self._cast_far(camera)
+
+    def _cast_near(self, camera: Camera) -> Hits:
+        hits = Hits.nothing(camera)
         for rows, columns, rays in self._bands(camera):
             answer = self._scene.cast_rays(rays)
-            t = answer["t_hit"].numpy()
-            met = np.isfinite(t)
             # Directions have unit depth, so the ray's parameter is the depth itself.
-            depth[rows, columns][met] = t[met]
-            face[rows, columns][met] = answer["primitive_ids"].numpy()[met].astype(np.int32)
-            # Open3D's (u, v) weigh the second and third corner.
-            second_third = answer["primitive_uvs"].numpy()[met]
-            weights = np.column_stack([1.0 - second_third.sum(axis=1), second_third])
-            barycentric[rows, columns][met] = weights
-        return Hits(depth=depth, face=face, barycentric=barycentric)
+            hits.fill((rows, columns), answer["t_hit"].numpy(), answer)
+        return hits
+
+    def _cast_far(self, camera: Camera) -> Hits:
+        hits = Hits.nothing(camera)
+        window = self.window(camera)
+        if window.is_empty:
+            return hits
+        rows, columns = window.slices
+        directions = camera.ray_directions(camera.pixel_centres()[rows, columns].reshape(-1, 2))
+        end_m = float(camera.project(self.mesh.vertices)[1].max()) + _BEHIND_M
+        answer = self.answer(camera.position + end_m * directions, -directions)
+        t = answer["t_hit"].numpy().reshape(window.height, window.width)
+        # Directions have unit depth, so the ray's parameter counts depth from its far end.
+        hits.fill((rows, columns), end_m - t, answer)
+        return hits
 
     def depth(self, camera: Camera) -> Floats:
         """(H, W) metres along the optical axis; NaN where nothing is met."""
@@ -118,19 +158,20 @@ class Raycaster:
         blocks = fine.reshape(height, supersample, width, supersample)
         return blocks.mean(axis=(1, 3))
 
-    def normals(self, camera: Camera, frame: Frame) -> Floats:
+    def normals(self, camera: Camera, side: Side = "near", *, frame: Frame = "camera") -> Floats:
         """(H, W, 3) unit smooth normals where the mesh is met, 0 elsewhere.
 
-        Vertex normals blended over the triangle; they keep the surface's own orientation and are
-        not turned towards the viewer.
+        Vertex normals blended over the triangle. They point out of the mesh, towards the viewer on
+        the near side and away on the far side, and are not turned where it is wound inside out.
 
         Args:
             camera: The view.
+            side: Which surface along the rays.
             frame: ``world``, or ``camera`` for maps: x right, y up, z towards the viewer.
         """
-        return self.normals_at(self.cast(camera), camera, frame)
+        return self.normals_at(self.cast(camera, side), camera, frame)
 
-    def normals_at(self, hits: Hits, camera: Camera, frame: Frame) -> Floats:
+    def normals_at(self, hits: Hits, camera: Camera, frame: Frame = "camera") -> Floats:
         """As ``normals``, of rays that were cast already."""
         if self._normals is None:
             self._normals = vertex_normals(self.mesh)
@@ -179,9 +220,13 @@ class Raycaster:
         rays = np.concatenate([origins_world - self._centre, directions_world], axis=1)
         return self._tensor(rays.astype(np.float32))
 
-    def window(self, camera: Camera) -> Rectangle:
+    def window(self, camera: Camera) -> Window:
         """The window of pixels in which the mesh lies."""
-        return screen_rectangle(self._used, camera)
+        return Window.around_points(self._used, camera)
+
+    def is_cut(self, camera: Camera) -> bool:
+        """Whether the mesh reaches beyond the camera's frame, or behind the camera."""
+        return is_cut(self._used, camera)
 
     def _rays(self, directions_world: Floats, camera: Camera) -> Any:
         rays = np.empty((*directions_world.shape[:-1], 6), dtype=np.float32)
@@ -192,14 +237,13 @@ class Raycaster:
     def _bands(self, camera: Camera) -> Iterator[tuple[slice, slice, Any]]:
         """Row and column slices with their (h, w, 6) rays, covering the mesh's window."""
         window = self.window(camera)
-        if window.empty:
+        if window.is_empty:
             return
         _, columns = window.slices
         x = np.arange(columns.start, columns.stop) + 0.5
         step = max(1, _BATCH // window.width)
-        bottom = window.top + window.height
-        for top in range(window.top, bottom, step):
-            rows = slice(top, min(top + step, bottom))
+        for top in range(window.top, window.bottom, step):
+            rows = slice(top, min(top + step, window.bottom))
             y = np.arange(rows.start, rows.stop) + 0.5
             pixels = np.stack(np.meshgrid(x, y), axis=-1)
             directions = camera.ray_directions(pixels.reshape(-1, 2)).reshape(*pixels.shape[:2], 3)

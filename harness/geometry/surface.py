@@ -137,7 +137,7 @@ class SurfaceIndex:
 
     @cached_property
     def area(self) -> float:
-        """Of all faces, in the mesh's unit, squared."""
+        """Total area of the faces, in the mesh's unit, squared."""
         return float(self.face_areas.sum())
 
     @cached_property

@@ -22,7 +22,7 @@ def texture_at(hits: Hits, mesh: Mesh, texture: Floats) -> Floats:
     """(H, W, 3) colour at every hit, bilinear, repeating; 0 where nothing is met.
 
     Args:
-        hits: Of rays against ``mesh``.
+        hits: Where rays meet ``mesh``.
         mesh: With texture coordinates.
         texture: (h, w, 3), in the units that are wanted; see ``linear_texture``.
     """

@@ -14,6 +14,10 @@ from harness.core.errors import HarnessError, MissingPart
 from harness.data.manifest import Manifest
 from harness.pipeline.inputs.inventory import check_tree
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run.chosen_method import catalogued_methods
+from methods.catalog import METHODS
+from methods.normals import installed
+from renderers.catalog import RENDERERS
 
 __all__ = ["Finding", "examine"]
 
@@ -98,7 +102,7 @@ def _python() -> Finding:
 
 def _system_libraries(libraries: Sequence[str]) -> Finding:
     """All that are missing at once: an import error names one at a time."""
-    missing = []
+    missing: list[str] = []
     for library in libraries:
         try:
             ctypes.CDLL(library)
@@ -158,9 +162,6 @@ def _devices() -> Iterator[Finding]:
 
 
 def _open_network() -> Finding:
-    from methods.catalog import METHODS
-    from methods.normals import installed
-
     try:
         needed = METHODS.resolve("econ").settings.normals == "open"
     except HarnessError:
@@ -174,25 +175,24 @@ def _open_network() -> Finding:
 
 
 def _catalogued() -> Iterator[Finding]:
-    from methods.catalog import METHODS
-    from renderers.catalog import RENDERERS
+    for name in RENDERERS:
+        try:
+            RENDERERS.resolve(name)
+            yield Finding("renderer", name, True, True, "")
+        except HarnessError as error:
+            yield _unusable("renderer", name, error)
+    catalogued = catalogued_methods()
+    for method in catalogued.usable:
+        info = method.info
+        parts = ", ".join(part.name for part in info.parts)
+        note = f"{info.title} ({parts})" if parts else info.title
+        yield Finding("method", method.name, True, True, note)
+    for name, error in catalogued.failures.items():
+        yield _unusable("method", name, error)
 
-    for kind, registry in (("renderer", RENDERERS), ("method", METHODS)):
-        for name in registry:
-            try:
-                # Methods tell their parts only if these are there.
-                info = getattr(registry.resolve(name), "info", None)
-            except HarnessError as error:
-                yield Finding(kind, name, False, False, error.what, error.hint)
-                continue
-            parts = ", ".join(part.name for part in info.parts) if info else ""
-            yield Finding(
-                kind,
-                name,
-                True,
-                True,
-                getattr(info, "title", "") + (f" ({parts})" if parts else ""),
-            )
+
+def _unusable(kind: str, name: str, error: HarnessError) -> Finding:
+    return Finding(kind, name, False, False, error.what, error.hint)
 
 
 def _dataset(manifest: Manifest, workspace: Workspace, name: str) -> Finding:

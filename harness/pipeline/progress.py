@@ -1,9 +1,10 @@
-"""How the pipeline tells what it is doing; the command line draws it."""
+"""How the pipeline reports what it is doing; the command line shows it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
+
+from harness.core.process.steps import StepReport
 
 __all__ = ["Progress", "Silent", "counted"]
 
@@ -25,7 +26,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """Says nothing."""
+    """Shows nothing."""
 
     def expect(self, task: str, total: int) -> None:
         """Ignore."""
@@ -37,8 +38,8 @@ class Silent:
         """Ignore."""
 
 
-def counted(progress: Progress, task: str) -> Callable[[int, int], None]:
-    """What a worker that says (done, total) reports to, so that its steps move a task's bar."""
+def counted(progress: Progress, task: str) -> StepReport:
+    """The step report for a worker, which counts the worker's steps as steps of a task."""
     before = 0
 
     def steps(done: int, total: int) -> None:  # noqa: ARG001

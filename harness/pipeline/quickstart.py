@@ -12,6 +12,7 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
 from harness.pipeline.report.figures import FIGURES
 from harness.pipeline.report.tables import ReportRequest, build_table, in_order, write_tables
+from harness.pipeline.run.chosen_method import catalogued_methods
 from harness.pipeline.run.evaluate import EvalSummary, evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
@@ -47,7 +48,10 @@ def quickstart(
     manifest: Manifest, workspace: Workspace, progress: Progress, jobs: int
 ) -> QuickstartResult:
     """Make two avatars, photograph them, run every method that can be, and write tables."""
-    methods, unavailable = _available_methods()
+    catalogued = catalogued_methods()
+    unavailable = [f"{name}: {error}" for name, error in catalogued.failures.items()]
+    methods = catalogued.usable
+    names = {method.name for method in methods}
     store = RunStore(workspace.run(_RUN))
     request = EvalRequest(
         source=Source.select(manifest, workspace, _SPLIT, (), _RECIPE),
@@ -57,15 +61,16 @@ def quickstart(
         jobs=jobs,
     )
     summary = evaluate(request, progress)
-    # Only what was asked for now: the folder may hold cells of methods that are gone.
+    # Records of this request alone: the folder may hold cells of methods that are gone.
     records = list(summary.records)
     folder = store.directory / "tables"
     files = write_tables(records, folder)
-    figures, undrawn = [], []
+    figures: list[Path] = []
+    undrawn: list[str] = []
     progress.expect(_FIGURES, len(FIGURES))
     for name, draw in FIGURES.items():
         drawn = _DRAWN_BODIES if name == "bodies" else _DRAWN
-        shown = in_order(records, tuple(method for method in drawn if method in methods))
+        shown = in_order(records, tuple(method for method in drawn if method in names))
         try:
             figures.append(draw(store, request.source, shown, folder / f"{name}.png"))
         except HarnessError as error:
@@ -75,19 +80,3 @@ def quickstart(
         build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
     )
     return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn))
-
-
-def _available_methods() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the methods that can be loaded here, and why others cannot."""
-    from methods.catalog import METHODS
-
-    available, unavailable = [], []
-    for name in METHODS:
-        try:
-            # Told only if its parts are there.
-            _ = METHODS.resolve(name).info
-        except HarnessError as error:
-            unavailable.append(f"{name}: {error}")
-        else:
-            available.append(name)
-    return tuple(available), tuple(unavailable)

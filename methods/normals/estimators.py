@@ -20,7 +20,7 @@ from harness.core.settings import check_choice
 from methods.normals import installed
 from methods.normals.onnx_estimator import OnnxNormals
 
-__all__ = ["BodyNormals", "NormalChoice", "OracleNormals"]
+__all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
 
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
@@ -43,7 +43,7 @@ class BodyNormals:
         return body_front, body_back
 
 
-class OracleNormals:
+class ScanNormals:
     """The scan's normals, rendered by the pipeline: the ceiling, and a declared privilege."""
 
     def __init__(self, oracle: Oracle, camera: Camera) -> None:
@@ -69,7 +69,7 @@ class OracleNormals:
 
 @dataclass(frozen=True, slots=True)
 class NormalChoice:
-    """Which estimator a method runs with, told before anything is loaded.
+    """Which estimator a method runs with; nothing is loaded to say so.
 
     Attributes:
         kind: ``body``, ``oracle``, ``open`` (the network that is shipped) or ``onnx`` (another).
@@ -117,7 +117,7 @@ class NormalChoice:
         """The estimator for the pictures of one camera.
 
         Args:
-            camera: Of the working picture.
+            camera: The working picture's.
             privileged: ``Context.privileged``.
 
         Raises:
@@ -135,7 +135,7 @@ class NormalChoice:
                 got=", ".join(privileged) or "no privilege",
                 hint="The pipeline lends them: run 'harness eval'",
             )
-        return OracleNormals(privileged[_PRIVILEGE], camera)
+        return ScanNormals(privileged[_PRIVILEGE], camera)
 
     def _network(self) -> OnnxNormals:
         network = self._installed()

@@ -68,7 +68,7 @@ class Network:
     Attributes:
         name: How it is asked for.
         path: Its file, which need not exist.
-        sha256: Of the file, when it was put there.
+        sha256: Hash of the file when it was installed.
         licence: SPDX id or the licence's name.
         training_set: What it was trained on, with its version; empty if it does not say.
         bytes: The file's size.
@@ -123,7 +123,7 @@ def imported_place() -> Place:
     if named:
         return Place("imported", Path(named).expanduser().resolve())
     data = Path(os.environ.get("XDG_DATA_HOME", ""))
-    # By its own specification, a relative path there is to be ignored.
+    # Its specification says that a relative path there counts as none.
     base = data if data.is_absolute() else Path.home() / ".local" / "share"
     return Place("imported", base / "mexecon-harness" / "weights")
 

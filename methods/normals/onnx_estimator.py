@@ -10,7 +10,7 @@ The file has the inputs ``image`` (1, 3, H, W), sRGB in [-1, 1] and 0 outside th
 * optionally ``body_background``: the value that body maps have where there is no body, 0 unless
   given (ECON's networks were trained with 0.00392);
 * optionally ``window``: ``mask`` if the network was trained on windows around the subject
-  (``methods/normals/window.py``) and is to be run on such; without it, it gets the whole picture.
+  (``methods/normals/window.py``) and has to run on such; without it, it gets the whole picture.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from harness.core.arrays import Floats
 from harness.core.errors import DataError, MethodError, MissingPart
 from harness.core.protocols import Part
 from harness.geometry.images import unit_normals
+from harness.geometry.window import Window
 from methods.normals.onnx_files import network_sha256
-from methods.normals.window import Window, mask_window, whole_window
+from methods.normals.window import mask_window, whole_window
 
 __all__ = ["OnnxNormals"]
 
@@ -83,7 +84,7 @@ class OnnxNormals:
         inside = mask >= 0.5
         if not inside.any():
             return np.zeros_like(body_front), np.zeros_like(body_back)
-        size = (mask.shape[0], mask.shape[1])
+        size = (mask.shape[1], mask.shape[0])
         window = mask_window(inside) if self._around_mask else whole_window(size)
         maps = {
             "image": window.cut((2.0 * rgb - 1.0) * inside[..., None]),
@@ -156,7 +157,7 @@ def _session(path: Path) -> Any:
         ) from error
     options = onnxruntime.SessionOptions()
     if hasattr(os, "sched_getaffinity"):  # on Linux
-        # Told, or onnxruntime counts cores that this process is not given, and pins threads there.
+        # Otherwise onnxruntime counts cores that this process is not given and pins threads there.
         options.intra_op_num_threads = len(os.sched_getaffinity(0))
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])

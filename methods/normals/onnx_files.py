@@ -15,9 +15,9 @@ __all__ = ["network_sha256", "network_stamp"]
 
 
 def network_sha256(path: Path) -> str:
-    """The sum of all that a network consists of.
+    """The sha256 of all that a network consists of.
 
-    Of a network in one file it is the file's own; of one in several, that of their sums.
+    It is that of the network's file or, where there are several, that of the list of their hashes.
 
     Raises:
         DataError: not an ONNX file, or one of its files is not there.

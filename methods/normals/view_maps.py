@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats
 from harness.core.errors import MethodError
 from harness.core.protocols import NormalEstimator
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 from methods.normals.working_view import WorkingView
 
 __all__ = ["ViewMaps", "filled_normals", "view_maps"]
@@ -39,13 +39,13 @@ class ViewMaps:
     body_near_m: Floats
     body_far_m: Floats
 
-    def held_to(self, shape: SidedRaycaster) -> ViewMaps:
+    def held_to(self, shape: Raycaster) -> ViewMaps:
         """The same normals with the depth of another body, such as one in its clothes."""
         near, far = (shape.cast(self.view.camera, side).depth for side in ("near", "far"))
         return replace(self, body_near_m=near, body_far_m=far)
 
 
-def view_maps(view: WorkingView, body: SidedRaycaster, estimator: NormalEstimator) -> ViewMaps:
+def view_maps(view: WorkingView, body: Raycaster, estimator: NormalEstimator) -> ViewMaps:
     """The clothed normals that an estimator makes of a view, and the body behind them.
 
     Raises:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
-from harness.geometry.images import composite, load_rgba, resampled
-from harness.geometry.place import mask_box
+from harness.geometry.photo import open_photo
+from harness.geometry.window import Window
 
 __all__ = ["WorkingView", "working_view"]
 
@@ -45,39 +43,15 @@ def working_view(capture: Capture, index: int, resolution: int) -> WorkingView:
     Raises:
         MethodError: the view shows no subject.
     """
-    camera = capture.cameras[index]
-    rgba = load_rgba(capture.image_path(index), camera.size)
-    inside = rgba[..., 3] >= 128
-    if not inside.any():
+    photo = open_photo(capture, index)
+    if not photo.mask.any():
         raise MethodError(
             f"view {index} of {capture.subject} shows no subject",
             expected="a mask that is not empty",
-            got=str(capture.image_path(index)),
+            got=str(photo.source),
         )
-    left, top, side = _square(inside)
-    size = min(resolution, side)
-    window = camera.cropped(left, top, side, side).resized(size, size)
-    colour = resampled(_cut(composite(rgba), left, top, side), (size, size), "bilinear")
-    alpha = _cut(rgba[..., 3:] / 255.0, left, top, side)[..., 0]
-    coverage = resampled(alpha, (size, size), "bilinear")
-    mask = coverage >= 0.5
-    return WorkingView(index, window, colour * mask[..., None], mask)
-
-
-def _square(inside: Mask) -> tuple[int, int, int]:
-    """Left, top and side in whole pixels of the square around a mask (H, W)."""
-    left, top, right, bottom = mask_box(inside)
-    side = int(np.ceil(max(bottom - top, right - left) / _FILLED))
-    return (left + right - side) // 2, (top + bottom - side) // 2, side
-
-
-def _cut(image: Floats, left: int, top: int, side: int) -> Floats:
-    """The square (side, side, C) of an image (H, W, C), zero outside it."""
-    height, width = image.shape[:2]
-    square = np.zeros((side, side, image.shape[2]))
-    rows = slice(max(top, 0), min(top + side, height))
-    columns = slice(max(left, 0), min(left + side, width))
-    square[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[
-        rows, columns
-    ]
-    return square
+    window = Window.around(photo.mask).square(_FILLED)
+    side = min(resolution, window.width)
+    picture = photo.cropped(window).resized(side, side)
+    mask = picture.mask
+    return WorkingView(index, picture.camera, picture.rgb * mask[..., None], mask)

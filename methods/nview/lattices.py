@@ -18,8 +18,8 @@ from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex
+from harness.geometry.topology import largest_piece
 from methods.nview.surfaces import Surface, smoothed_along
-from methods.surface.fusion import largest_component
 
 __all__ = [
     "Lattice",
@@ -171,7 +171,7 @@ def contoured(lattice: Lattice, field: Singles, source: str) -> Mesh:
     mesh = Mesh(world, faces, source=source)
     if mesh.signed_volume < 0:
         mesh = Mesh(world, faces[:, ::-1], source=source)
-    return largest_component(mesh)
+    return largest_piece(mesh)
 
 
 def remeshed(mesh: Mesh, step_m: float, within: Callable[[Floats], Singles] | None = None) -> Mesh:

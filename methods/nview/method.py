@@ -25,7 +25,7 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.images import load_mask, load_rgba, save_png
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
@@ -149,8 +149,8 @@ class FusedMethod:
 
     def _person(self, capture: Capture, views: Sequence[FusionView], context: Context) -> _Person:
         if self.settings.body == "on":
-            fitted = self._fit.fitted(capture, context)
-            return _Person(fitted.skin, fitted.body, fitted.details)
+            fit = self._fit.fit(capture, context)
+            return _Person(fit.skin, fit.body, fit.details())
         with context.stage("hull"):
             hull = start_surface(views, self.settings.voxel_m, None, self.settings.margin_m)
         return _Person(hull, None, {})
@@ -162,7 +162,7 @@ class FusedMethod:
         choice = self.settings.normal_choice
         if choice is None:
             return list(views), []
-        caster = SidedRaycaster(shape)
+        caster = Raycaster(shape)
         given: list[FusionView] = []
         shown: list[ViewMaps] = []
         for view in views:

@@ -9,7 +9,7 @@ import numpy as np
 from harness.core.arrays import Floats, Mask, Singles
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
-from harness.geometry.place import mask_box
+from harness.geometry.window import Window
 
 __all__ = ["SignedOutline", "signed_outline"]
 
@@ -94,10 +94,10 @@ def signed_outline(camera: Camera, coverage: Floats) -> SignedOutline:
     inside = coverage > 0.5
     if not inside.any():
         raise MethodError("the mask shows no subject", expected="a mask that is not empty")
-    left, top, right, bottom = mask_box(inside)
-    left, top = max(left - _MARGIN_PX, 0), max(top - _MARGIN_PX, 0)
-    right = min(right + _MARGIN_PX, camera.width)
-    bottom = min(bottom + _MARGIN_PX, camera.height)
+    box = Window.around(inside)
+    left, top = max(box.left - _MARGIN_PX, 0), max(box.top - _MARGIN_PX, 0)
+    right = min(box.left + box.width + _MARGIN_PX, camera.width)
+    bottom = min(box.top + box.height + _MARGIN_PX, camera.height)
     window = slice(top, bottom), slice(left, right)
     distance = _distance_px(inside[window], coverage[window])
     return SignedOutline(camera.cropped(left, top, right - left, bottom - top), distance)

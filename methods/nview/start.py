@@ -14,6 +14,7 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
 from harness.geometry.raycast import Raycaster
 from methods.nview.lattices import (
@@ -25,7 +26,7 @@ from methods.nview.lattices import (
 )
 from methods.nview.outlines import SignedOutline
 from methods.nview.views import FusionView
-from methods.surface.clothed_body import Outline, clothed_body
+from methods.surface.clothed_body import clothed_body
 
 __all__ = [
     "clothed",
@@ -82,8 +83,13 @@ def start_surface(
 
 def clothed(body: Mesh, views: Sequence[FusionView]) -> Mesh:
     """A fitted body moved out to the clothes that the outlines show."""
-    outlines = [Outline(view.outline.camera, view.outline.distance_px > 0) for view in views]
+    outlines = [_plain(view.outline) for view in views]
     return clothed_body(body, outlines)
+
+
+def _plain(outline: SignedOutline) -> Outline:
+    """An outline as the rest of the house has it, to whole pixels."""
+    return Outline(outline.camera, (outline.distance_px > 0).astype(np.float64))
 
 
 def hull_distance(outlines: Sequence[SignedOutline], points: Floats) -> Singles:
@@ -106,10 +112,7 @@ def hull_lattice(views: Sequence[FusionView], step_m: float) -> Lattice:
         MethodError: nothing is.
     """
     outlines = [view.outline for view in views]
-    place = place_of(
-        [outline.camera for outline in outlines],
-        [outline.distance_px > 0 for outline in outlines],
-    )
+    place = place_of([_plain(outline) for outline in outlines])
     half = _WIDEST * max(place.half_width_m, place.half_height_m) + _SEARCH_MARGIN_M
     count = int(np.ceil(2 * half / _SEARCH_STEP_M)) + 1
     search = Lattice(place.centre - half, _SEARCH_STEP_M, (count, count, count))

@@ -1,7 +1,7 @@
 """Surfaces from normal maps: integrated alone, or front and back together; triangulated sheets."""
 
 from methods.surface.front_back import (
-    BodyPrior,
+    BodyDepth,
     FrontBackDepth,
     FrontBackParameters,
     integrate_front_back,
@@ -10,7 +10,7 @@ from methods.surface.integration import integrate_normals
 from methods.surface.sheets import SheetParameters, front_back_sheets
 
 __all__ = [
-    "BodyPrior",
+    "BodyDepth",
     "FrontBackDepth",
     "FrontBackParameters",
     "SheetParameters",

@@ -11,24 +11,23 @@ that is taken of the way was chosen on training subjects.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from harness.core.arrays import Floats, Mask
-from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
+from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals
 from methods.surface.completion import smooth_offsets, stiffness
 
-__all__ = ["Outline", "believed", "clothed_body", "ways_out_m"]
+__all__ = ["clothed_body", "is_unobstructed", "ways_out_m"]
 
 
 #: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
 _STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04
-#: Of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance and
-#: 22.4 degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm.
+#: Share of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance
+#: and 22.4 degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm.
 _SHARE = 0.8
 #: Weight of neighbours' equality against 1 for an offset that was found.
 _SMOOTHNESS = 5.0
@@ -37,40 +36,17 @@ _SMOOTHNESS = 5.0
 _CLEAR_M = 0.02
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outline:
-    """The subject in one view.
-
-    Attributes:
-        camera: Full perspective.
-        mask: (H, W) where the subject is.
-    """
-
-    camera: Camera
-    mask: Mask
-
-    def holds(self, points_world: Floats) -> Mask:
-        """(N,) whether world points are seen within the subject; beyond the frame all are."""
-        pixels, _ = self.camera.project(points_world)
-        height, width = self.mask.shape
-        with np.errstate(invalid="ignore"):  # behind the camera: NaN, so not in the frame
-            framed = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
-        columns, rows = pixels[framed].astype(np.int64).T
-        held = np.ones(len(points_world), dtype=bool)
-        held[framed] = self.mask[rows, columns]
-        return held
-
-
 def clothed_body(body: Mesh, outlines: Sequence[Outline]) -> Mesh:
     """The body (world metres) with its surface moved to the clothes that the outlines show.
 
     Args:
         body: The fitted body, facing outwards.
-        outlines: Of views all round; what none sees from the side follows its neighbours.
+        outlines: Silhouettes in views all round; what none sees from the side follows its
+            neighbours.
     """
     normals = vertex_normals(body)
     found = ways_out_m(body.vertices, normals, outlines)
-    trust = believed(body, normals, found).astype(np.float64)
+    trust = is_unobstructed(body, normals, found).astype(np.float64)
     offsets = smooth_offsets(stiffness(body, _SMOOTHNESS), np.nan_to_num(found), trust)
     moved = body.vertices + _SHARE * offsets[:, None] * normals
     return Mesh(moved, body.faces, source=body.source)
@@ -94,11 +70,17 @@ def ways_out_m(points_world: Floats, directions: Floats, outlines: Sequence[Outl
     return ways
 
 
-def believed(body: Mesh, normals: Floats, ways: Floats) -> Mask:
-    """(V,) whether a way out (V,) along a vertex' normal is that of its own clothes."""
+def is_unobstructed(body: Mesh, normals: Floats, ways_m: Floats) -> Mask:
+    """(V,) whether moving a vertex out along its normal stays clear of other parts of the body.
+
+    Args:
+        body: The surface, world metres.
+        normals: (V, 3) unit, out of it.
+        ways_m: (V,) how far the vertex would move; NaN, for no way at all, is not clear.
+    """
     # From just outside, or each vertex would meet its own faces.
     met = Raycaster(body).answer(body.vertices + 2e-3 * normals, normals)["t_hit"].numpy()
-    return np.isfinite(ways) & (met > 2 * np.nan_to_num(ways) + _CLEAR_M)
+    return np.isfinite(ways_m) & (met > 2 * np.nan_to_num(ways_m) + _CLEAR_M)
 
 
 def _held(points_world: Floats, outlines: Sequence[Outline]) -> Mask:

@@ -10,38 +10,23 @@ sheet, where nothing is seen, the body stands off by as much as the clothes do o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex, vertex_normals
+from harness.geometry.topology import edges_of
 
 __all__ = [
     "BodyCompletion",
-    "Completion",
     "CompletionParameters",
     "smooth_offsets",
     "stiffness",
     "without_vertices",
 ]
-
-
-class Completion(Protocol):
-    """Adds the surface that the sheets lack; the body's way is here, IF-Nets+ would be another."""
-
-    def __call__(self, sheets: Mesh, body: Mesh, omitted: Mask) -> Mesh | None:
-        """Surface in the sheets' gaps, world metres, or None where they have none.
-
-        Args:
-            sheets: All sheets in one mesh.
-            body: The fitted body.
-            omitted: (V,) vertices of the body that must not stand in: face, hands, eyeballs.
-        """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +62,12 @@ class BodyCompletion:
         self.parameters = parameters or CompletionParameters()
 
     def __call__(self, sheets: Mesh, body: Mesh, omitted: Mask) -> Mesh | None:
-        """See ``Completion``.
+        """Surface in the sheets' gaps, world metres, or None where they have none.
+
+        Args:
+            sheets: All sheets in one mesh.
+            body: The fitted body.
+            omitted: (V,) vertices of the body that must not stand in: face, hands, eyeballs.
 
         Raises:
             MethodError: every face of the body is omitted.
@@ -145,17 +135,11 @@ def without_vertices(mesh: Mesh, dropped: Mask) -> Mesh | None:
     return mesh.geometry().submesh(keep) if keep.any() else None
 
 
-def _edges(faces: NDArray[np.integer]) -> NDArray[np.int64]:
-    """(E, 2) each edge once, the lower vertex first."""
-    corners = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return np.unique(np.sort(corners.astype(np.int64), axis=1), axis=0)
-
-
 def _laplacian(mesh: Mesh):  # noqa: ANN202 - a scipy sparse matrix, whose stubs are partial
     """(V, V) sum of squared differences along edges, as a matrix."""
     from scipy.sparse import coo_matrix
 
-    first, second = _edges(mesh.faces).T
+    first, second = edges_of(mesh.faces).ends.T
     count = len(mesh.vertices)
     adjacency = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
     adjacency = adjacency + adjacency.T
@@ -170,12 +154,9 @@ def _diagonal(values: Floats):  # noqa: ANN202
 
 def _subdivided(mesh: Mesh) -> Mesh:
     """Each triangle cut into four at the middles of its edges, as the published code does."""
-    edges = _edges(mesh.faces)
-    middles = mesh.vertices[edges].mean(axis=1)
-    count = len(mesh.vertices)
-    keys = edges[:, 0] * count + edges[:, 1]
-    sides = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].astype(np.int64), axis=2)
-    ab, bc, ca = (count + np.searchsorted(keys, sides[..., 0] * count + sides[..., 1])).T
+    edges = edges_of(mesh.faces)
+    middles = mesh.vertices[edges.ends].mean(axis=1)
+    ab, bc, ca = (len(mesh.vertices) + edges.of_side).T
     a, b, c = mesh.faces.T
     triangles = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     faces = np.concatenate([np.stack(corners, axis=1) for corners in triangles])

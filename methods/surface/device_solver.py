@@ -10,52 +10,59 @@ from scipy.sparse import csr_array, dia_array
 
 from harness.core.arrays import Singles
 from harness.core.errors import MissingPart
+from methods.surface.reduced_system import ReducedSystem
 
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["conjugate_gradients_on"]
+__all__ = ["conjugate_gradients_on", "require_device"]
 
 
 # Reading the residual back stalls the device; a few steps too many cost less.
 _STEPS_BETWEEN_READINGS = 8
 
 
-def conjugate_gradients_on(
-    device: str,
-    operators: tuple[dia_array, dia_array],
-    residual: Singles,
-    unscale: Singles,
-    stop: tuple[float, int],
-) -> tuple[Singles, int]:
-    """The x with ``(I - A B) x = residual`` for operators (A, B), and the steps taken.
-
-    The arithmetic is that of the processor's version, the order of the sums is not. It ends when
-    ``|unscale * remaining residual|`` is below ``stop[0]``, or after ``stop[1]`` steps.
+def require_device(device: str) -> None:
+    """Refuse a device that torch cannot compute on here.
 
     Raises:
         MissingPart: this machine has no such device.
     """
     import torch
 
-    if device.startswith("cuda") and not torch.cuda.is_available():
+    name, _, index = device.partition(":")
+    if name == "cuda" and int(index or 0) >= torch.cuda.device_count():
         raise MissingPart(
             "normals cannot be integrated on the GPU",
             expected=f"a device '{device}' that torch can use",
-            got="none",
-            hint="Choose the device 'cpu'",
+            got=f"{torch.cuda.device_count()} GPUs",
+            hint="Choose the device 'cpu': --set surface.device=cpu",
         )
-    limit, max_steps = stop
-    left, right = (_on_device(operator, device) for operator in operators)
-    remaining = torch.from_numpy(residual.copy()).to(device)
-    weights = torch.from_numpy(unscale).to(device)
+
+
+def conjugate_gradients_on(device: str, system: ReducedSystem) -> tuple[Singles, int]:
+    """The system's solution (N,) and the steps taken.
+
+    The arithmetic is that of the processor's version, the order of the sums is not.
+
+    Raises:
+        MissingPart: this machine has no such device.
+    """
+    import torch
+
+    require_device(device)
+    left, right = _on_device(system.from_black, device), _on_device(system.from_red, device)
+    remaining = torch.from_numpy(system.residual.copy()).to(device)
+    weights = torch.from_numpy(system.unscale).to(device)
     tiny = torch.tensor(torch.finfo(torch.float32).tiny, device=device)
     solution, direction = torch.zeros_like(remaining), remaining.clone()
     squared = torch.dot(remaining, remaining)
     steps = 0
-    for steps in range(max_steps + 1):
+    for steps in range(system.max_steps + 1):
         reading = steps % _STEPS_BETWEEN_READINGS == 0
-        if steps == max_steps or (reading and float((weights * remaining).norm()) <= limit):
+        if steps == system.max_steps:
+            break
+        if reading and float((weights * remaining).norm()) <= system.limit:
             break
         product = direction - left @ (right @ direction)
         # Once nothing remains, both quotients have to stay finite until the next reading.

@@ -18,9 +18,9 @@ from scipy.ndimage import binary_erosion
 
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
+from harness.geometry.window import Window
 from methods.surface.bilateral import Anchors, Equations, Schedule, integrate
 from methods.surface.integration import (
-    bounding_box,
     checked_intrinsics,
     checked_mask,
     checked_normals,
@@ -28,7 +28,7 @@ from methods.surface.integration import (
     tangent_planes,
 )
 
-__all__ = ["BodyPrior", "FrontBackDepth", "FrontBackParameters", "integrate_front_back"]
+__all__ = ["BodyDepth", "FrontBackDepth", "FrontBackParameters", "integrate_front_back"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class FrontBackParameters:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyPrior:
+class BodyDepth:
     """Depth (H, W) of the body's front and back surface, NaN where the ray misses the body.
 
     In metres along the optical axis for a perspective view, in pixels for an orthographic one;
@@ -100,7 +100,7 @@ class FrontBackDepth:
 def integrate_front_back(
     normals: tuple[ArrayLike, ArrayLike],
     mask: ArrayLike,
-    prior: BodyPrior,
+    prior: BodyDepth,
     K: ArrayLike | None = None,
     parameters: FrontBackParameters | None = None,
     device: str = "cpu",
@@ -130,7 +130,7 @@ def integrate_front_back(
     intrinsics = None if K is None else checked_intrinsics(K)
     space = _DepthSpace.around(_inflated(prior, mask, parameters, intrinsics), intrinsics)
 
-    window = bounding_box(mask)
+    window = Window.around(mask).slices
     origin = (window[0].start, window[1].start)
     link_rows = _odd_above(mask[window].shape[0])
     both = [
@@ -181,7 +181,7 @@ class _DepthSpace:
 
 
 def _inflated(
-    prior: BodyPrior, mask: Mask, parameters: FrontBackParameters, K: Floats | None
+    prior: BodyDepth, mask: Mask, parameters: FrontBackParameters, K: Floats | None
 ) -> tuple[Floats, Floats]:
     """The prior's two depths, moved apart by the thickness, NaN outside the mask."""
     thickness = parameters.thickness * (parameters.pixels_per_unit if K is None else 1.0)

@@ -16,9 +16,10 @@ from harness.core.arrays import Floats
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
-from methods.surface.pinches import open_edges, without_pinches
+from harness.geometry.topology import concatenated, largest_piece, open_edges
+from methods.surface.pinches import without_pinches
 
-__all__ = ["FusionParameters", "concatenated", "fused", "largest_component", "one_piece"]
+__all__ = ["FusionParameters", "fused", "one_piece"]
 
 
 #: The octree's side over the longest side of the surfaces. At the published 1.1 a bulge in a wide
@@ -31,7 +32,8 @@ class FusionParameters:
     """How the surfaces are fused.
 
     Attributes:
-        depth: Of the octree; its finest cell is 1.25 times the longest side, divided by 2^depth.
+        depth: Depth of the octree; its finest cell is 1.25 times the longest side, divided by
+            2^depth.
         faces: Decimate to about this many faces; 0 keeps all.
     """
 
@@ -67,31 +69,7 @@ def fused(parts: Sequence[Mesh], parameters: FusionParameters | None = None) -> 
 def one_piece(mesh: Mesh) -> Mesh:
     """The largest piece of a closed surface, cut apart where its folds touch."""
     # Twice: a crumb that hung on by a fin without thickness is a piece of its own without it.
-    return largest_component(without_pinches(largest_component(mesh))[0])
-
-
-def concatenated(parts: Sequence[Mesh]) -> Mesh:
-    """All parts in one mesh, their vertices one after the other."""
-    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    return Mesh(
-        vertices=np.concatenate([part.vertices for part in parts]),
-        faces=np.concatenate(
-            [part.faces + start for part, start in zip(parts, starts, strict=False)]
-        ),
-        source=" + ".join(part.source for part in parts),
-    )
-
-
-def largest_component(mesh: Mesh) -> Mesh:
-    """The piece with the most vertices, without vertices that no face uses."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    first, second = mesh.faces[:, (0, 1)].ravel(), mesh.faces[:, (1, 2)].ravel()
-    count = len(mesh.vertices)
-    edges = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(count, count))
-    _, component = connected_components(edges, directed=False)
-    return mesh.submesh((component == np.bincount(component).argmax())[mesh.faces[:, 0]])
+    return largest_piece(without_pinches(largest_piece(mesh))[0])
 
 
 def _poisson(cloud: Mesh, depth: int) -> Mesh:

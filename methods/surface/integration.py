@@ -8,10 +8,10 @@ from scipy.ndimage import label
 
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
+from harness.geometry.window import Window
 from methods.surface.bilateral import Equations, Schedule, integrate
 
 __all__ = [
-    "bounding_box",
     "checked_intrinsics",
     "checked_mask",
     "checked_normals",
@@ -64,7 +64,7 @@ def integrate_normals(
             expected="k > 0, tol > 0, max_iter >= 1",
             got=f"k={k}, tol={tol}, max_iter={max_iter}",
         )
-    rows, columns = bounding_box(mask)
+    rows, columns = Window.around(mask).slices
     window = mask[rows, columns]
     planes = tangent_planes(normals[rows, columns], window, (rows.start, columns.start), intrinsics)
     values, _ = integrate(_on_lattice(planes), Schedule(k, max_iter, tol))
@@ -101,12 +101,6 @@ def tangent_planes(
 def focal_length(K: Floats) -> float:
     """The geometric mean of the two focal lengths, in pixels."""
     return float(np.sqrt(K[0, 0] * K[1, 1]))
-
-
-def bounding_box(mask: Mask) -> tuple[slice, slice]:
-    """The rows and columns that the mask spans."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def _on_lattice(planes: Equations) -> Equations:

@@ -20,6 +20,7 @@ from scipy.sparse import dia_array
 
 from harness.core.arrays import Floats, Singles
 from methods.surface.device_solver import conjugate_gradients_on
+from methods.surface.reduced_system import ReducedSystem
 
 __all__ = ["Couplings", "solve"]
 
@@ -84,14 +85,18 @@ def solve(
     reduced = target[0::2] + from_black @ target[1::2]
     residual = reduced - red + from_black @ (from_red @ red)
     # The stopping rule is about the residual of the unscaled equations.
-    unscale = (1.0 / scale[0::2]).astype(_WORKING)
-    stop = (tolerance * float(np.linalg.norm(system.target)), max_steps)
-    operators = (_working(from_black), _working(from_red))
-    residual = residual.astype(_WORKING)
+    half = ReducedSystem(
+        from_black=dia_array(from_black, dtype=_WORKING),
+        from_red=dia_array(from_red, dtype=_WORKING),
+        residual=residual.astype(_WORKING),
+        unscale=(1.0 / scale[0::2]).astype(_WORKING),
+        limit=tolerance * float(np.linalg.norm(system.target)),
+        max_steps=max_steps,
+    )
     if device == "cpu":
-        correction, steps = _conjugate_gradients(operators, residual, unscale, stop)
+        correction, steps = _conjugate_gradients(half)
     else:
-        correction, steps = conjugate_gradients_on(device, operators, residual, unscale, stop)
+        correction, steps = conjugate_gradients_on(device, half)
     values = np.empty(diagonal.size)
     values[0::2] = red + correction
     values[1::2] = target[1::2] + from_red @ values[0::2]
@@ -122,28 +127,18 @@ def _red_black(ties: list[tuple[int, Floats]], scale: Floats) -> tuple[dia_array
     )
 
 
-def _working(operator: dia_array) -> dia_array:
-    return dia_array(operator, dtype=_WORKING)
-
-
-def _conjugate_gradients(
-    operators: tuple[dia_array, dia_array],
-    residual: Singles,
-    unscale: Singles,
-    stop: tuple[float, int],
-) -> tuple[Singles, int]:
-    """The x with ``(I - A B) x = residual`` for operators (A, B), and the steps taken."""
-    from_black, from_red = operators
-    limit, max_steps = stop
+def _conjugate_gradients(system: ReducedSystem) -> tuple[Singles, int]:
+    """The system's solution (N,) and the steps taken."""
+    limit, residual = system.limit, system.residual.copy()
     solution = np.zeros_like(residual)
     direction = residual.copy()
     scratch = np.empty_like(residual)
     squared = float(np.dot(residual, residual))
-    for step in range(max_steps):
-        np.multiply(residual, unscale, out=scratch)
+    for step in range(system.max_steps):
+        np.multiply(residual, system.unscale, out=scratch)
         if float(np.dot(scratch, scratch)) <= limit * limit:
             return solution, step
-        product = from_black @ (from_red @ direction)
+        product = system.from_black @ (system.from_red @ direction)
         np.subtract(direction, product, out=product)
         curvature = float(np.dot(direction, product))
         if curvature <= 0.0:  # only a constant is left, which the equations do not see
@@ -156,4 +151,4 @@ def _conjugate_gradients(
         previous, squared = squared, float(np.dot(residual, residual))
         np.multiply(direction, _WORKING(squared / previous), out=direction)
         np.add(direction, residual, out=direction)
-    return solution, max_steps
+    return solution, system.max_steps

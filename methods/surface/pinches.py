@@ -8,31 +8,18 @@ answer.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Ints
 from harness.core.mesh import Mesh
+from harness.geometry.topology import half_edges
 
-__all__ = ["open_edges", "without_pinches"]
+__all__ = ["without_pinches"]
 
 
 #: How far the two middles of a cut edge move towards the faces they belong to.
 _APART = 0.1
-
-
-def open_edges(mesh: Mesh) -> int:
-    """How many edges do not join exactly two faces that run along it in opposite directions.
-
-    Zero means watertight, consistently oriented and without pinches.
-    """
-    start, end = _half_edges(mesh.faces)
-    count = len(mesh.vertices)
-    there, times = np.unique(start * count + end, return_counts=True)
-    unmatched = np.setxor1d(there, np.unique(end * count + start), assume_unique=True)
-    return int((times > 1).sum()) + len(unmatched)
 
 
 def without_pinches(mesh: Mesh) -> tuple[Mesh, int]:
@@ -62,11 +49,6 @@ def without_pinches(mesh: Mesh) -> tuple[Mesh, int]:
     return replace(mesh, vertices=np.array(vertices), faces=np.array(faces)), len(pinched)
 
 
-def _half_edges(faces: NDArray[np.integer[Any]]) -> tuple[Ints, Ints]:
-    corners = faces.astype(np.int64)
-    return corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-
-
 def _without_back_to_back(mesh: Mesh) -> Mesh:
     faces = mesh.faces.astype(np.int64)
     _, same, times = np.unique(
@@ -78,7 +60,7 @@ def _without_back_to_back(mesh: Mesh) -> Mesh:
 
 def _pinched_edges(mesh: Mesh) -> Ints:
     """(E, 2) edges along which two faces run each way."""
-    start, end = _half_edges(mesh.faces)
+    start, end = half_edges(mesh.faces)
     count = len(mesh.vertices)
     there, times = np.unique(start * count + end, return_counts=True)
     twice = there[times == 2]

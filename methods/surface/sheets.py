@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from numpy.typing import ArrayLike
 
-from harness.core.arrays import Floats, Ints32
+from harness.core.arrays import Floats, Ints32, Mask
 from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.geometry.topology import pieces_of
 
-__all__ = ["SheetParameters", "depth_sheet", "front_back_sheets", "without_small_components"]
+__all__ = ["SheetParameters", "depth_sheet", "front_back_sheets", "in_large_piece"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,38 +73,31 @@ def depth_sheet(
     valid = np.isfinite(depth)
     faces = _grid_faces(valid, away)
     vertices = camera.unproject(camera.pixel_centres()[valid], depth[valid])
-    faces = faces[_facing(vertices, faces, camera.position) > parameters.least_facing]
-    faces = without_small_components(faces, parameters.least_component)
-    if len(faces) == 0:
+    keep = _facing(vertices, faces, camera.position) > parameters.least_facing
+    keep[keep] = in_large_piece(faces[keep], parameters.least_component)
+    if not keep.any():
         raise DataError(
             f"{name} has no triangle left",
             expected="at least one patch of four neighbouring pixels that faces the camera",
             got=f"{int(valid.sum())} pixels with depth",
             hint="Look at the normal maps and the silhouette",
         )
-    used = np.unique(faces)
-    renumbered = np.zeros(len(vertices), dtype=np.int32)
-    renumbered[used] = np.arange(len(used), dtype=np.int32)
-    return Mesh(vertices[used], renumbered[faces], source=name)
+    return Mesh(vertices, faces, source=name).submesh(keep)
 
 
-def without_small_components(faces: Ints32, least_share: float) -> Ints32:
-    """The faces (F, 3) whose component holds more than ``least_share`` of the vertices in use."""
+def in_large_piece(faces: Ints32, least_share: float) -> Mask:
+    """(F,) whether a face's piece holds more than ``least_share`` of the vertices in use."""
     if len(faces) == 0:
-        return faces
-    used, compact = np.unique(faces, return_inverse=True)
-    compact = compact.reshape(faces.shape)
-    first, second = compact[:, (0, 1)].ravel(), compact[:, (1, 2)].ravel()
-    edges = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(len(used),) * 2)
-    _, component = connected_components(edges, directed=False)
-    share = np.bincount(component) / len(used)
-    return faces[share[component[compact[:, 0]]] > least_share]
+        return np.zeros(0, dtype=bool)
+    pieces = pieces_of(faces, int(faces.max()) + 1)
+    share = pieces.vertex_counts / len(np.unique(faces))
+    return share[pieces.of_face] > least_share
 
 
-def _grid_faces(valid: NDArray[np.bool_], away: bool) -> Ints32:
+def _grid_faces(valid: Mask, away: bool) -> Ints32:
     """Two triangles per square of four valid pixels, counter-clockwise from outside.
 
-    Ints32 count the valid pixels row by row.
+    Indices count the valid pixels row by row.
     """
     index = np.cumsum(valid.ravel(), dtype=np.int32).reshape(valid.shape) - 1
     whole = valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, :-1] & valid[1:, 1:]

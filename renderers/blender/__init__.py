@@ -1,1 +1,1 @@
-"""Blender: the scene as data, the job that spawns it, the worker that runs inside."""
+"""Blender: the scene as data, the job that starts it, the worker that runs inside."""

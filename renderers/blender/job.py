@@ -1,4 +1,4 @@
-"""Spawns the process in which Blender runs."""
+"""Starts the process in which Blender runs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
+from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgba, save_png
 from renderers.blender.scene import describe, vertices_in_blender
-from renderers.protocol import Progress, RenderOutcome, texture_of
+from renderers.protocol import RenderOutcome, texture_of
 
 __all__ = ["BlenderRenderer"]
 
@@ -25,7 +26,7 @@ class BlenderRenderer:
     """Path-traces with Blender's Cycles, on a GPU where there is one."""
 
     def render(
-        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: Progress
+        self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
         _require_blender()
@@ -34,7 +35,7 @@ class BlenderRenderer:
         assert mesh.face_uv is not None
         scene = describe(mesh, recipe)
         with tempfile.TemporaryDirectory(prefix="harness-render-") as folder:
-            # Arrays instead of the scan's file: what is proved is what is rendered.
+            # Arrays instead of the scan's file, so that the checked mesh is the rendered one.
             arrays = Path(folder, "mesh.npz")
             np.savez(
                 arrays,
@@ -53,8 +54,8 @@ class BlenderRenderer:
                 progress=progress,
             )
             for view in scene.views:
-                # Read strictly and written anew: Blender stamps its render times into its files,
-                # and the files of equal pictures would differ.
+                # Decoded and written again: Blender stores its render times in its files,
+                # so that files of equal pictures would differ.
                 size = (scene.width, scene.height)
                 save_png(directory / view.file, load_rgba(Path(folder, view.file), size))
         return RenderOutcome(device=str(answer["device"]))

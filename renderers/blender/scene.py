@@ -1,7 +1,7 @@
 """A Blender scene as plain data: cameras, lights and settings, without Blender.
 
-Everything that decides how the pictures look is here and can be tested without ``bpy``; the worker
-only carries it out. Blender's world has +Z up and its cameras look along their own -Z.
+Everything that determines how the pictures look is here and can be tested without ``bpy``; the
+worker only executes it. Blender's world has +Z up and its cameras look along their own -Z.
 
 Before: ``harness/data/scans.py``. After: ``methods/hull.py``.
 """
@@ -24,16 +24,16 @@ from harness.core.errors import DataError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window
 from renderers.studio import KEY_SIDE_M, key_light_position, square_light_radiance
 
 __all__ = ["BlenderCamera", "BlenderView", "KeyLight", "Scene", "describe", "vertices_in_blender"]
 
 Matrix = tuple[tuple[float, ...], ...]
 
-#: Any value does, as only lens / sensor matters; Blender's own default.
+#: Only lens / sensor matters, so any value would do; this is Blender's default.
 _SENSOR_MM = 36.0
-#: Pixels of empty border round the subject, so that the denoiser sees the background.
+#: Margin around the subject, pixels, so that the denoiser sees the background.
 _BORDER_MARGIN_PX = 8
 
 
@@ -45,7 +45,7 @@ class BlenderCamera:
         matrix_world: 4x4, Blender camera axes to Blender's world.
         lens_mm: Focal length for a sensor fitted to the picture's width.
         sensor_mm: Width of that sensor.
-        shift_x: Principal point's offset from the middle, as a share of the picture's width.
+        shift_x: Offset of the principal point from the middle, as a share of the picture's width.
         shift_y: The same downward, also as a share of the width.
     """
 
@@ -57,7 +57,7 @@ class BlenderCamera:
 
     @classmethod
     def from_camera(cls, camera: Camera) -> BlenderCamera:
-        """The Blender camera with the same rays.
+        """The Blender camera that has the same rays.
 
         Raises:
             DataError: pixels that are not square.
@@ -100,12 +100,12 @@ class BlenderView:
     """One picture.
 
     Attributes:
-        file: Where it goes below the capture's folder.
-        camera: What takes it.
+        file: Its path below the capture's folder.
+        camera: The camera that takes it.
         key_light: The light that goes with the camera, or None.
         border: Left, bottom, right, top of the part that is rendered, as shares of the picture;
             the rest stays empty. None when the subject is outside.
-        seed: Of the light paths.
+        seed: Seed of the light paths.
     """
 
     file: str
@@ -117,15 +117,15 @@ class BlenderView:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """All that the worker is told besides the mesh.
+    """Everything that the worker gets besides the mesh.
 
     Attributes:
         views: The pictures, in order.
         width: Pixels.
         height: Pixels.
-        samples: Light paths per pixel. All are taken everywhere: stopping early where the
-            estimate looks settled would leave alpha with fewer steps at the edges.
-        denoise: Whether Open Image Denoise runs on colour; it never touches alpha.
+        samples: Light paths per pixel. Every pixel gets all of them: adaptive
+            sampling would leave alpha with fewer steps at the edges.
+        denoise: Whether Open Image Denoise runs on colour; alpha is never denoised.
         ambient: Radiance of the uniform world.
         diffuse_bounces: Reflections of light between surfaces; without them folds are black.
     """
@@ -189,7 +189,7 @@ def _key_light(camera: Camera, strength: float) -> KeyLight | None:
     if strength <= 0:
         return None
     position = key_light_position(camera)
-    # A light shines where a camera in its place would look.
+    # A light shines in the direction in which a camera at its place would look.
     aim = Camera(K=np.eye(3), world_to_camera=look_at(position, (0, 0, 0)), width=1, height=1)
     radiance = square_light_radiance(strength, float(np.linalg.norm(position)))
     return KeyLight(
@@ -200,13 +200,13 @@ def _key_light(camera: Camera, strength: float) -> KeyLight | None:
 
 
 def _border(mesh: Mesh, camera: Camera) -> tuple[float, float, float, float] | None:
-    window = screen_rectangle(mesh.vertices, camera, margin=_BORDER_MARGIN_PX)
-    if window.empty:
+    window = Window.around_points(mesh.vertices, camera, margin=_BORDER_MARGIN_PX)
+    if window.is_empty:
         return None
     return (
         window.left / camera.width,
-        1.0 - (window.top + window.height) / camera.height,
-        (window.left + window.width) / camera.width,
+        1.0 - window.bottom / camera.height,
+        window.right / camera.width,
         1.0 - window.top / camera.height,
     )
 

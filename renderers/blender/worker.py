@@ -1,4 +1,4 @@
-"""Runs inside Blender: builds the described scene and writes its pictures. Nothing is decided here.
+"""Runs inside Blender: builds the described scene and writes its pictures; decides nothing.
 
 Started by ``job`` as a process of its own; the only module of the renderers that imports ``bpy``.
 """
@@ -49,7 +49,7 @@ def _choose_device(scene: Any) -> str:
     scene.render.threads_mode = "FIXED"
     scene.render.threads = threads
     preferences = bpy.context.preferences.addons["cycles"].preferences
-    # Once for all kinds: a later refresh would free the entries that are held here.
+    # Once for all kinds, because a later refresh would free the entries that are used here.
     preferences.refresh_devices()
     for kind in _GPU_KINDS:
         found = preferences.get_devices_for_type(kind)
@@ -68,7 +68,7 @@ def _set_quality(scene: Any, description: Scene) -> None:
     cycles = scene.cycles
     cycles.samples = description.samples
     cycles.use_adaptive_sampling = False
-    # A pixel is its square: alpha is then coverage, and edges are not shifted or widened.
+    # A box filter of one pixel: alpha is coverage, and edges are not shifted or widened.
     cycles.pixel_filter_type = "BOX"
     cycles.use_denoising = description.denoise
     cycles.denoiser = "OPENIMAGEDENOISE"
@@ -83,7 +83,7 @@ def _set_quality(scene: Any, description: Scene) -> None:
     cycles.transparent_max_bounces = 0
     cycles.caustics_reflective = False
     cycles.caustics_refractive = False
-    # The acceleration structure and the texture stay loaded from view to view.
+    # The acceleration structure and the texture stay loaded between views.
     scene.render.use_persistent_data = True
 
 
@@ -95,7 +95,7 @@ def _set_output(scene: Any, description: Scene) -> None:
     render.image_settings.file_format = "PNG"
     render.image_settings.color_mode = "RGBA"
     render.image_settings.color_depth = "8"
-    # Written anew by the parent, so size does not matter.
+    # The parent writes the file again, so its size does not matter.
     render.image_settings.compression = 0
     render.use_file_extension = False
     render.dither_intensity = 0.0
@@ -112,7 +112,7 @@ def _set_world(scene: Any, radiance: float) -> None:
     background = world.node_tree.nodes["Background"]
     background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     background.inputs["Strength"].default_value = radiance
-    # Uniform light has no direction worth aiming at.
+    # Uniform light has no direction, so there is nothing to sample.
     world.cycles.sampling_method = "NONE"
     scene.world = world
 
@@ -152,7 +152,7 @@ def _add_mesh(scene: Any, arrays: Path, material: Any) -> None:
     mesh.uv_layers.new(name="uv").data.foreach_set("uv", corner_uv.ravel())
     mesh.materials.append(material)
     mesh.update(calc_edges=True)
-    # Drops what would crash Blender: faces that name a vertex twice, and repeated faces.
+    # Removes what would crash Blender: faces with a repeated vertex, and repeated faces.
     mesh.validate()
     mesh.shade_smooth()
     scene.collection.objects.link(bpy.data.objects.new("subject", mesh))
@@ -181,7 +181,7 @@ def _point(scene: Any, camera: Any, view: BlenderView) -> None:
     camera.data.sensor_width = view.camera.sensor_mm
     camera.data.shift_x, camera.data.shift_y = view.camera.shift_x, view.camera.shift_y
     scene.cycles.seed = view.seed
-    # A border of no size means the whole picture to Blender; one pixel of nothing is cheap.
+    # Blender takes an empty border for the whole picture; a few empty pixels are cheap.
     left, bottom, right, top = view.border or (0.0, 0.0, 1 / 64, 1 / 64)
     scene.render.use_border, scene.render.use_crop_to_border = True, False
     scene.render.border_min_x, scene.render.border_max_x = left, right

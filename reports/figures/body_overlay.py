@@ -9,7 +9,7 @@ from harness.core.artifacts import Capture
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from reports.figures.comparison import MethodMesh
-from reports.figures.panels import blended, canvas, photo, save, show, windows
+from reports.figures.panels import blended, canvas, panel_windows, photo, save, show
 from reports.figures.shading import shaded
 
 __all__ = ["body_overlay"]
@@ -35,8 +35,8 @@ def body_overlay(
         DataError: a photo that is not usable, or the file cannot be written.
     """
     cameras = capture.cameras[:_MOST_VIEWS]
-    frames = windows([(truth or bodies[0].mesh, camera) for camera in cameras], _PANEL_INCH)
-    figure, axes = canvas((len(bodies), len(cameras)), frames[0], _PANEL_INCH)
+    frames = panel_windows([(truth or bodies[0].mesh, camera) for camera in cameras], _PANEL_INCH)
+    figure, axes = canvas((len(bodies), len(cameras)), frames[0].window, _PANEL_INCH)
     seen = [frame.of_camera(camera) for frame, camera in zip(frames, cameras, strict=True)]
     images = [frame.of_image(photo(capture, view)) for view, frame in enumerate(frames)]
     true = Raycaster(truth) if truth else None

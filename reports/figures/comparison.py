@@ -18,7 +18,16 @@ from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
-from reports.figures.panels import Window, blended, canvas, on_white, photo, save, show, windows
+from reports.figures.panels import (
+    PanelWindow,
+    blended,
+    canvas,
+    on_white,
+    panel_windows,
+    photo,
+    save,
+    show,
+)
 from reports.figures.shading import ErrorScale, heat, shaded
 
 __all__ = ["MethodMesh", "SubjectPanels", "colour_bar", "overlay_figure", "qualitative_grid"]
@@ -81,11 +90,11 @@ def qualitative_grid(
     titles = [[method.title for method in subject.methods] for subject in subjects]
     if not titles or any(row != titles[0] for row in titles):
         raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
-    frames = windows(
+    frames = panel_windows(
         [(s.truth, s.capture.cameras[view]) for s in subjects for view in views], _PANEL_INCH
     )
     columns = 4 + 3 * len(titles[0])
-    figure, axes = canvas((len(subjects), columns), frames[0], _PANEL_INCH)
+    figure, axes = canvas((len(subjects), columns), frames[0].window, _PANEL_INCH)
     starts = [0, *range(2, columns - 2, 3), columns - 2]
     for start, title in zip(starts, ["Photo", *titles[0], "Ground truth"], strict=True):
         axes[0][start].set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9, loc="left")
@@ -97,7 +106,7 @@ def qualitative_grid(
 
 
 def _draw_subject(
-    subject: SubjectPanels, row: Any, frames: dict[int, Window], scale: ErrorScale
+    subject: SubjectPanels, row: Any, frames: dict[int, PanelWindow], scale: ErrorScale
 ) -> None:
     cameras = [
         frame.of_camera(subject.capture.cameras[view], _LEAST_HEIGHT)
@@ -147,8 +156,8 @@ def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -
     """
     count = len(capture.cameras)
     columns = min(columns, count)
-    frames = windows([(mesh, camera) for camera in capture.cameras], _OVERLAY_INCH)
-    figure, axes = canvas((-(-count // columns), columns), frames[0], _OVERLAY_INCH)
+    frames = panel_windows([(mesh, camera) for camera in capture.cameras], _OVERLAY_INCH)
+    figure, axes = canvas((-(-count // columns), columns), frames[0].window, _OVERLAY_INCH)
     caster = Raycaster(mesh)
     for view, (axis, frame) in enumerate(zip(axes.flat, frames, strict=False)):
         clay = shaded(caster, frame.of_camera(capture.cameras[view]))

@@ -21,11 +21,12 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from harness.core.records import Record
+from harness.core.results import RegionErrors
 from harness.geometry.raycast import Raycaster
 from reports.figures.comparison import colour_bar
-from reports.figures.panels import canvas, on_white, photo, save, show, windows
+from reports.figures.panels import canvas, on_white, panel_windows, photo, save, show
 from reports.figures.shading import ErrorScale, heat, shaded
-from reports.tables.regions import LEAST_SHARE, RegionNumbers, regions_of
+from reports.tables.regions import LEAST_SHARE
 
 __all__ = [
     "Failure",
@@ -98,21 +99,17 @@ class FailureRow:
 
 def worst_region(record: Record) -> Failure | None:
     """The region with the largest error, of those large enough to count; None without regions."""
-    large = {
-        name: numbers
-        for name, numbers in regions_of(record).items()
-        if (numbers["area_share"] or 0.0) >= LEAST_SHARE
-    }
-    failures = [_failure(name, numbers) for name, numbers in large.items()]
+    failures = [
+        _failure(name, errors)
+        for name, errors in record.regions.items()
+        if errors.area_share >= LEAST_SHARE
+    ]
     return max(failures, key=lambda failure: failure.error_mm, default=None)
 
 
-def _failure(region: str, numbers: RegionNumbers) -> Failure:
-    error_mm = max(numbers["accuracy_mm"] or 0.0, numbers["completeness_mm"] or 0.0)
-    shares = {
-        "missing": numbers["missing_share"] or 0.0,
-        "bulging": numbers["bulge_share"] or 0.0,
-    }
+def _failure(region: str, errors: RegionErrors) -> Failure:
+    error_mm = max(errors.accuracy_mm or 0.0, errors.completeness_mm or 0.0)
+    shares = {"missing": errors.missing_share or 0.0, "bulging": errors.bulge_share or 0.0}
     word = max(shares, key=lambda name: shares[name])
     rest = f",\n{100 * shares[word]:.0f} % {word}" if shares[word] >= _NOTABLE_SHARE else ""
     return Failure(region, error_mm, f"{region}: {error_mm:.0f} mm{rest}")
@@ -148,14 +145,14 @@ def failure_grid(rows: Sequence[FailureRow], path: Path, scale: ErrorScale) -> N
         raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
     casters = [Raycaster(row.truth) for row in rows]
     views = [_telling_view(row, caster) for row, caster in zip(rows, casters, strict=True)]
-    frames = windows(
+    frames = panel_windows(
         [
             (_together(row), row.capture.cameras[view])
             for row, view in zip(rows, views, strict=True)
         ],
         _PANEL_INCH,
     )
-    figure, axes = canvas((len(rows), 2 + len(titles[0])), frames[0], _PANEL_INCH)
+    figure, axes = canvas((len(rows), 2 + len(titles[0])), frames[0].window, _PANEL_INCH)
     for axis, title in zip(axes[0], ["Photo", "Ground truth", *titles[0]], strict=True):
         axis.set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9)
     for row, caster, view, frame, line in zip(rows, casters, views, frames, axes, strict=True):

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, NormalMaps
-from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 from harness.geometry.images import normal_colours
-from harness.geometry.sides import Side
+from harness.geometry.raycast import Side
+from harness.geometry.window import Window
 from reports.figures.comparison import colour_bar
-from reports.figures.panels import Window, canvas, photo, save, show
+from reports.figures.panels import canvas, photo, save, show
 from reports.figures.shading import ErrorScale
 
 __all__ = ["NormalPanels", "NormalRow", "normal_grid"]
@@ -42,7 +42,8 @@ class NormalPanels:
         side: Which of them are shown.
         true: (H, W, 3) normals of the scan on the same pixels, 0 beside it.
         errors_deg: (H, W) of the estimate; NaN where it is not compared.
-        told: Below the body's normals, and below the errors.
+        body_text: Shown below the body's normals.
+        estimate_text: Shown below the errors of the estimate.
     """
 
     title: str
@@ -50,7 +51,8 @@ class NormalPanels:
     side: Side
     true: Floats
     errors_deg: Floats
-    told: tuple[str, str]
+    body_text: str
+    estimate_text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,12 +108,13 @@ def _draw(capture: Capture, panels: NormalPanels, share: tuple[float, float], ax
         _errors(panels.errors_deg),
     ]
     if panels.title:
-        window = _window(capture.cameras[maps.view], maps.camera)
-        pictures.insert(0, window.of_image(photo(capture, maps.view)))
+        window = Window.of_crop(capture.cameras[maps.view], maps.camera)
+        pictures.insert(0, window.cut(photo(capture, maps.view), 1.0))
     used = [next(axes) for _ in pictures]
     for axis, picture in zip(used, pictures, strict=True):
         show(axis, _centre(picture, share))
-    for axis, text in zip((used[-4], used[-1]), panels.told, strict=True):
+    texts = (panels.body_text, panels.estimate_text)
+    for axis, text in zip((used[-4], used[-1]), texts, strict=True):
         axis.set_xlabel(text, fontsize=8)
 
 
@@ -119,14 +122,6 @@ def _errors(errors_deg: Floats) -> Floats:
     """(H, W, 3) colours of the errors, white where there are none."""
     known = np.isfinite(errors_deg)
     return np.where(known[..., None], _SCALE.rgb(np.where(known, errors_deg, 0.0)), 1.0)
-
-
-def _window(whole: Camera, crop: Camera) -> Window:
-    """The rectangle of a view's picture that a crop of its camera shows."""
-    scale = whole.K[0, 0] / crop.K[0, 0]
-    left, top = whole.K[:2, 2] - scale * crop.K[:2, 2]
-    size = (round(scale * crop.width), round(scale * crop.height))
-    return Window(round(left), round(top), *size)
 
 
 def _shown_share(masks: Sequence[NDArray[np.bool_]]) -> tuple[float, float]:

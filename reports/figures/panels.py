@@ -1,4 +1,4 @@
-"""What all figures share: photos on white, one window for all panels, a canvas without a screen."""
+"""What all figures share: photos on white, panels of one size, a canvas without a screen."""
 
 from __future__ import annotations
 
@@ -15,10 +15,20 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_path
 from harness.core.mesh import Mesh
-from harness.geometry.images import composite, load_rgba, resampled
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.images import resampled
+from harness.geometry.photo import WHITE, open_photo
+from harness.geometry.window import Window
 
-__all__ = ["Window", "blended", "canvas", "on_white", "photo", "save", "show", "windows"]
+__all__ = [
+    "PanelWindow",
+    "blended",
+    "canvas",
+    "on_white",
+    "panel_windows",
+    "photo",
+    "save",
+    "show",
+]
 
 
 _DPI = 150
@@ -34,70 +44,50 @@ _UNDATED: Mapping[str, dict[str, None]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
-    """A rectangle of a picture, in whole pixels; it may reach outside.
+class PanelWindow:
+    """What a panel shows of a view.
 
     Attributes:
+        window: The part of the view's picture; it may reach outside.
         most_height: What is taller is shown smaller: a panel has no more pixels than are printed.
     """
 
-    left: int
-    top: int
-    width: int
-    height: int
+    window: Window
     most_height: int = 2**31
 
     @property
     def shown(self) -> tuple[int, int]:
-        """Width and height of what is shown of it, pixels."""
-        share = min(1.0, self.most_height / self.height)
-        return max(1, round(share * self.width)), max(1, round(share * self.height))
+        """Width and height of the panel, pixels."""
+        width, height = self.window.size
+        share = min(1.0, self.most_height / height)
+        return max(1, round(share * width)), max(1, round(share * height))
 
     def of_camera(self, camera: Camera, least_height: int = 1) -> Camera:
-        """The camera of the window, enlarged by whole factors to at least some height in pixels."""
-        cropped = camera.cropped(self.left, self.top, self.width, self.height)
+        """The camera of the panel, enlarged by whole factors to at least some height in pixels."""
         width, height = self.shown
         factor = -(-min(least_height, self.most_height) // height)
-        return cropped.resized(width * factor, height * factor)
+        return self.window.camera(camera, (width * factor, height * factor))
 
     def of_image(self, image: Floats) -> Floats:
-        """The window of an image (H, W, 3), white where it reaches outside."""
-        whole = self._cut_out(image)
-        if self.shown == (self.width, self.height):
-            return whole
-        return resampled(whole, self.shown, "box")
-
-    def _cut_out(self, image: Floats) -> Floats:
-        inside = np.ones((self.height, self.width, image.shape[2]))
-        top, left = max(self.top, 0), max(self.left, 0)
-        part = image[top : max(self.top + self.height, 0), left : max(self.left + self.width, 0)]
-        row, column = top - self.top, left - self.left
-        inside[row : row + part.shape[0], column : column + part.shape[1]] = part
-        return inside
+        """The panel of an image (H, W, 3), white where it reaches outside."""
+        whole = self.window.cut(image, 1.0)
+        return whole if self.shown == self.window.size else resampled(whole, self.shown, "box")
 
 
-def windows(scenes: Sequence[tuple[Mesh, Camera]], panel_inch: float) -> list[Window]:
+def panel_windows(scenes: Sequence[tuple[Mesh, Camera]], panel_inch: float) -> list[PanelWindow]:
     """A window round the mesh of each scene, all of one size so that all have one scale.
 
     Args:
         scenes: Meshes, world metres, and who looks at them.
         panel_inch: Height at which they are printed.
     """
-    boxes = [screen_rectangle(mesh.vertices, camera) for mesh, camera in scenes]
+    boxes = [Window.around_points(mesh.vertices, camera) for mesh, camera in scenes]
     border = round(_MARGIN * max(box.height for box in boxes))
     # At least one pixel, for a mesh that is in no picture at all.
     width = max(1, *(box.width + 2 * border for box in boxes))
     height = max(1, *(box.height + 2 * border for box in boxes))
-    return [
-        Window(
-            left=box.left + (box.width - width) // 2,
-            top=box.top + (box.height - height) // 2,
-            width=width,
-            height=height,
-            most_height=round(panel_inch * _DPI),
-        )
-        for box in boxes
-    ]
+    most_height = round(panel_inch * _DPI)
+    return [PanelWindow(box.about_its_middle(width, height), most_height) for box in boxes]
 
 
 def photo(capture: Capture, view: int) -> Floats:
@@ -106,9 +96,7 @@ def photo(capture: Capture, view: int) -> Floats:
     Raises:
         DataError: an image that is not usable.
     """
-    camera = capture.cameras[view]
-    rgba = load_rgba(capture.image_path(view), (camera.width, camera.height))
-    return composite(rgba, (1.0, 1.0, 1.0))
+    return open_photo(capture, view).over(WHITE)
 
 
 def on_white(rgba: Floats) -> Floats:
@@ -125,7 +113,7 @@ def blended(
 
 
 def canvas(shape: tuple[int, int], window: Window, panel_inch: float) -> tuple[Any, Any]:
-    """A figure and its axes, rows x columns, each ``panel_inch`` high and as wide as a window."""
+    """A figure and its axes, rows x columns, each ``panel_inch`` high, in a window's shape."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

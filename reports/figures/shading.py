@@ -62,7 +62,7 @@ def heat(caster: Raycaster, camera: Camera, errors_mm: Floats, scale: ErrorScale
     """(H, W, 4) in [0, 1]: the mesh in the colours of its errors, unlit so that they can be read.
 
     Args:
-        caster: Of the mesh.
+        caster: Rays against the mesh.
         camera: The view.
         errors_mm: (V,) one error per vertex of the mesh, millimetres.
         scale: Colours of the errors.

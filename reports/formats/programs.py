@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Mapping
 
+from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock, PublishedValue
 from reports.tables.table import Cell, Column, Row, Table
 
@@ -52,9 +53,9 @@ def to_csv(table: Table) -> str:
     return stream.getvalue()
 
 
-def _protocol_text(protocol: Mapping[str, object]) -> str:
+def _protocol_text(protocol: ProtocolStamp | None) -> str:
     """Name, version and sha; empty where nothing was measured here."""
-    return f"{protocol['name']}-{protocol['version']}-{protocol['sha']}" if protocol else ""
+    return f"{protocol.name}-{protocol.version}-{protocol.sha}" if protocol else ""
 
 
 def _source(block: PublishedBlock | None) -> str:
@@ -103,7 +104,7 @@ def to_json(table: Table) -> str:
         "title": table.title,
         "dataset": table.dataset,
         "recipe": table.recipe,
-        "protocol": dict(table.protocol),
+        "protocol": table.protocol.to_flat() if table.protocol else {},
         "origin": table.origin,
         "columns": {
             column.id: {

@@ -14,7 +14,8 @@ from pathlib import Path
 from harness.core.errors import DataError
 from harness.core.metric_catalog import METRICS
 from harness.core.protocols import MethodInfo
-from harness.core.records import MetricValue, Record
+from harness.core.records import CaptureStamp, ProtocolStamp, Record
+from harness.core.results import MetricValue
 
 __all__ = ["STORED_METHODS", "SUBJECTS", "stored_averages", "stored_records"]
 
@@ -94,12 +95,12 @@ def _by_subject(method: str) -> dict[str, dict[str, float]]:
 def _record(method: str, subject: str, values: Mapping[str, float]) -> Record:
     return Record(
         key="",
-        method=MethodInfo(method, STORED_METHODS[method]).to_dict(),
+        method=MethodInfo(method, STORED_METHODS[method]),
         dataset="THuman 2.1",
         subject=subject,
         recipe="of the authors",
-        protocol={"name": "of the authors", "version": "published", "sha": ""},
-        capture={},
+        protocol=ProtocolStamp("of the authors", version=None, sha=""),
+        capture=CaptureStamp(),
         seed=0,
         status="ok" if values else "missing",
         reason="" if values else _ABSENT,

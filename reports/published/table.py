@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.core.errors import HarnessError, did_you_mean
 from reports.published.printed import PUBLISHED
 from reports.published.stored import STORED_METHODS, SUBJECTS, stored_records
+from reports.statistics import percentile_ends
 from reports.tables.geometry import geometry_table
 from reports.tables.paired import paired_table
-from reports.tables.table import Interval, Row, Table
+from reports.tables.table import Row, Table
 
 __all__ = ["published_differences", "published_means"]
 
@@ -26,7 +27,7 @@ def published_means(
     *,
     methods: Sequence[str] | None = None,
     subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
+    intervals: bool = False,
 ) -> Table:
     """The mean of each published method over its stored subjects; the printed table stands below.
 
@@ -35,7 +36,7 @@ def published_means(
     Args:
         methods: Names in ``STORED_METHODS``, in this order; all by default.
         subjects: Subjects that count; the paper's 20 by default.
-        interval: Makes a percentile bootstrap interval of the mean.
+        intervals: Whether means carry their percentile bootstrap interval.
 
     Raises:
         HarnessError: an unknown method or subject.
@@ -43,11 +44,16 @@ def published_means(
     _check_known("method", methods, tuple(STORED_METHODS))
     _check_known("subject", subjects, SUBJECTS)
     table = geometry_table(
-        stored_records(), methods=methods, subjects=subjects, interval=interval, published=True
+        stored_records(),
+        methods=methods,
+        subjects=subjects,
+        interval=percentile_ends if intervals else None,
+        published=True,
     )
     unranked = tuple(replace(column, ranked=False) for column in table.columns)
+    remarks = (_INTERVALS, *table.remarks) if intervals else table.remarks
     return _published(
-        replace(table, columns=unranked, remarks=(*_told(interval), *table.remarks)),
+        replace(table, columns=unranked, remarks=remarks),
         title="Means of the published results",
         heading="Printed in the paper",
     )
@@ -55,16 +61,14 @@ def published_means(
 
 def published_differences(
     *,
-    p_value: Callable[[Sequence[float]], float],
-    interval: Interval,
     methods: Sequence[str] | None = None,
     subjects: Sequence[str] | None = None,
 ) -> Table:
     """Each published method minus the first, subject by subject; the printed table stands below.
 
+    Mean differences carry their percentile bootstrap interval.
+
     Args:
-        p_value: As for ``paired_table``.
-        interval: Makes the percentile bootstrap interval of a mean difference.
         methods: The first is compared against; by default 8-view VGGT, the paper's rival.
         subjects: Subjects that count; the paper's 20 by default.
 
@@ -81,10 +85,10 @@ def published_differences(
             hint=f"Name two or more of {', '.join(STORED_METHODS)}, or none",
         )
     table = paired_table(
-        stored_records(), p_value=p_value, methods=chosen, subjects=subjects, interval=interval
+        stored_records(), methods=chosen, subjects=subjects, interval=percentile_ends
     )
     return _published(
-        replace(table, remarks=(*_told(interval), _counts(table.rows), *table.remarks)),
+        replace(table, remarks=(_INTERVALS, _counts(table.rows), *table.remarks)),
         title=f"Published results: {table.title[0].lower()}{table.title[1:]}",
         heading="Printed in the paper: means, not differences",
     )
@@ -97,23 +101,19 @@ def _published(table: Table, title: str, heading: str) -> Table:
         name="published",
         title=title,
         origin=_ORIGIN,
-        protocol={},
+        protocol=None,
         rows=tuple(replace(row, notes=(*row.notes, _ROW_NOTE)) for row in table.rows),
         published=replace(PUBLISHED["geometry"], heading=heading),
     )
 
 
-def _told(interval: Interval | None) -> tuple[str, ...]:
-    return (_INTERVALS,) if interval else ()
-
-
 def _counts(rows: Sequence[Row]) -> str:
     """On how many subjects each row is the better one."""
-    told = (
+    counts = (
         f"{row.title} {round(row.cells['chamfer_lower_on'].value * row.n / 100)} of {row.n}"
         for row in rows
     )
-    return f"Chamfer is lower on: {', '.join(told)}"
+    return f"Chamfer is lower on: {', '.join(counts)}"
 
 
 def _check_known(kind: str, names: Sequence[str] | None, known: Sequence[str]) -> None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash
+from harness.core.formats.typed_json import from_json, to_json
 from harness.core.records import Record
 from harness.core.units import Unit
-from reports.tables.normals import normals_of
 from reports.tables.selection import check_comparable
 
 __all__ = [
@@ -105,7 +105,8 @@ class Baseline:
     """Numbers of one dataset, recipe and protocol, by method and subject.
 
     Attributes:
-        dataset, recipe, protocol: What the numbers were made of.
+        dataset, recipe: What the numbers were made of.
+        protocol: All settings of the metric protocol and their sha.
         tolerances: By metric, or by ``method/metric`` where a method has its own.
         entries: By method and subject.
         new_methods: Methods that have no numbers here on purpose, with the reason.
@@ -131,20 +132,18 @@ class Baseline:
 
     def save(self, path: Path) -> None:
         """Write the baseline atomically, in an order that makes a readable diff."""
-        cells = [
-            {"method": method, "subject": subject, **asdict(entry)}
-            for (method, subject), entry in sorted(self.entries.items())
-        ]
-        document = {
-            "schema": BASELINE_SCHEMA,
-            "dataset": self.dataset,
-            "recipe": self.recipe,
-            "protocol": dict(self.protocol),
-            "tolerances": {name: asdict(self.tolerances[name]) for name in sorted(self.tolerances)},
-            "new_methods": dict(self.new_methods),
-            "cells": cells,
-        }
-        write_json(path, document)
+        document = _Document(
+            dataset=self.dataset,
+            recipe=self.recipe,
+            protocol=self.protocol,
+            tolerances={name: self.tolerances[name] for name in sorted(self.tolerances)},
+            new_methods=self.new_methods,
+            cells=tuple(
+                _StoredCell(method, subject, entry.key, entry.status, entry.metrics, entry.inputs)
+                for (method, subject), entry in sorted(self.entries.items())
+            ),
+        )
+        write_json(path, {"schema": BASELINE_SCHEMA, **to_json(document)})
 
     @classmethod
     def load(cls, path: Path) -> Baseline:
@@ -161,31 +160,44 @@ class Baseline:
                 got=f"schema {document.get('schema')}",
                 hint="Write it again with --update",
             )
-        try:
-            return _parse(document)
-        except (KeyError, TypeError, AttributeError) as error:
-            raise DataError(f"{path} is not a baseline", got=repr(error)) from error
+        del document["schema"]
+        # A baseline that lists no new methods need not say so.
+        stored = from_json(_Document, {"new_methods": {}, **document}, path, "a baseline")
+        return cls(
+            dataset=stored.dataset,
+            recipe=stored.recipe,
+            protocol=stored.protocol,
+            tolerances=stored.tolerances,
+            entries={
+                (cell.method, cell.subject): Entry(cell.key, cell.status, cell.metrics, cell.inputs)
+                for cell in stored.cells
+            },
+            new_methods=stored.new_methods,
+        )
 
 
-def _parse(document: Mapping[str, object]) -> Baseline:
-    cells: list[dict[str, object]] = document["cells"]  # type: ignore[assignment]
-    tolerances: dict[str, dict[str, object]] = document["tolerances"]  # type: ignore[assignment]
-    return Baseline(
-        dataset=str(document["dataset"]),
-        recipe=str(document["recipe"]),
-        protocol=dict(document["protocol"]),  # type: ignore[call-overload]
-        tolerances={name: Tolerance(**value) for name, value in tolerances.items()},  # type: ignore[arg-type]
-        entries={
-            (str(cell["method"]), str(cell["subject"])): Entry(
-                key=str(cell["key"]),
-                status=str(cell["status"]),
-                metrics={n: Value(**v) for n, v in cell["metrics"].items()},  # type: ignore[attr-defined]
-                inputs=dict(cell["inputs"]),  # type: ignore[call-overload]
-            )
-            for cell in cells
-        },
-        new_methods=dict(document.get("new_methods", {})),  # type: ignore[call-overload]
-    )
+@dataclass(frozen=True, slots=True)
+class _StoredCell:
+    """An entry as the file has it, with the method and subject that it is of."""
+
+    method: str
+    subject: str
+    key: str
+    status: str
+    metrics: Mapping[str, Value]
+    inputs: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """The file's content, in its order."""
+
+    dataset: str
+    recipe: str
+    protocol: Mapping[str, object]
+    tolerances: Mapping[str, Tolerance]
+    new_methods: Mapping[str, str]
+    cells: tuple[_StoredCell, ...]
 
 
 def numbers_of(record: Record) -> dict[str, Value]:
@@ -195,11 +207,11 @@ def numbers_of(record: Record) -> dict[str, Value]:
     pixels of the subject: ``normal_map_0_near`` is the near side of view 0.
     """
     numbers = {name: Value(m.value, m.unit) for name, m in record.metrics.items()}
-    for entry in normals_of(record):
-        mean_deg = entry["all"]["estimate"]["mean_deg"]
+    for errors in record.normal_maps:
+        mean_deg = errors.whole.estimate.mean_deg
         if mean_deg is not None:
-            name = f"normal_map_{entry['view']}_{entry['side']}"
-            numbers[name] = Value(float(mean_deg), Unit.degree.value)
+            name = f"normal_map_{errors.view}_{errors.side}"
+            numbers[name] = Value(mean_deg, Unit.degree.value)
     return numbers
 
 
@@ -268,7 +280,7 @@ def common_settings(records: Sequence[Record]) -> tuple[str, str, Mapping[str, o
         raise HarnessError("there are no records to compare", hint="Run 'harness eval' first")
     check_comparable(records)
     recipe = next((record.recipe for record in records if record.recipe), "")
-    return records[0].dataset, recipe, records[0].protocol
+    return records[0].dataset, recipe, records[0].protocol.to_flat()
 
 
 def _default_tolerance(metric: str, unit: str) -> Tolerance:
@@ -284,15 +296,15 @@ def _default_tolerance(metric: str, unit: str) -> Tolerance:
 
 def inputs_of(record: Record) -> dict[str, str]:
     """What a record's key is made of, and the packages that ran, as flat texts by dotted name."""
-    packages = record.environment.get("packages", {})
+    packages = record.environment.packages if record.environment else {}
     flat: dict[str, str] = {}
-    _flatten("method", record.method, flat)
-    _flatten("protocol", record.protocol, flat)
+    _flatten("method", record.method.to_dict(), flat)
+    _flatten("protocol", record.protocol.to_flat(), flat)
     _flatten("packages", packages, flat)
     if "code" in record.inputs:
         # One text for all modules: a baseline is read by people.
         flat["code"] = content_hash({"code": record.inputs["code"]})
-    return {**flat, "capture": str(record.capture.get("key", "")), "seed": str(record.seed)}
+    return {**flat, "capture": record.capture.key, "seed": str(record.seed)}
 
 
 def _flatten(name: str, value: object, into: dict[str, str]) -> None:

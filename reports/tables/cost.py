@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from harness.core.artifacts import StageCost
@@ -54,23 +54,27 @@ def cost_table(
 
 
 def _row(group: Group, of: int, interval: Interval | None) -> Row:
-    names = dict.fromkeys(stage.name for record in group.ok for stage in record.stages)
+    by_subject = [record.stages for record in group.ok]
+    names = dict.fromkeys(stage.name for stages in by_subject for stage in stages)
     return replace(
-        group.row(of, _cells(group.ok, lambda _: True, interval)),
+        group.row(of, _cells(by_subject, interval)),
         # What was given changes nothing about what it cost.
         competes=True,
         stages=tuple(
-            Stage(name, _cells(group.ok, lambda stage, name=name: stage.name == name, interval))
+            Stage(name, _cells([_named(name, stages) for stages in by_subject], interval))
             for name in names
         ),
     )
 
 
+def _named(name: str, stages: Sequence[StageCost]) -> list[StageCost]:
+    return [stage for stage in stages if stage.name == name]
+
+
 def _cells(
-    records: Sequence[Record], wanted: Callable[[StageCost], bool], interval: Interval | None
+    by_subject: Sequence[Sequence[StageCost]], interval: Interval | None
 ) -> Mapping[str, Cell]:
-    """Cells of the wanted stages; a subject that skipped them spent no time there."""
-    by_subject = [[stage for stage in record.stages if wanted(stage)] for record in records]
+    """Cells of each subject's stages; a subject without any spent no time there."""
     stages = [stage for stages in by_subject for stage in stages]
     if not stages:
         return {}
@@ -86,7 +90,7 @@ def _cells(
 def _machine_remarks(records: Iterable[Record]) -> list[str]:
     machines = sorted(
         {
-            f"{record.environment['system']}, {record.environment['cpus']} CPUs"
+            f"{record.environment.system}, {record.environment.cpus} CPUs"
             for record in records
             if record.environment
         }

@@ -22,7 +22,7 @@ def frame(records: Sequence[Record]) -> pd.DataFrame:
     ``scale_rule``, ``protocol``, ``seed``; after them what they cost: ``wall_s``, ``peak_rss_mib``.
 
     Args:
-        records: Of one run or several; what may be compared is the reader's to see.
+        records: Records of one run or several; the reader decides what may be compared.
     """
     import pandas as pd
 
@@ -31,14 +31,14 @@ def frame(records: Sequence[Record]) -> pd.DataFrame:
     rows = [
         {
             "method": record.method_name,
-            "title": record.method["title"],
+            "title": record.method.title,
             "subject": record.subject,
             "status": record.status,
             "reason": record.reason,
             "dataset": record.dataset,
             "recipe": record.recipe,
             "scale_rule": record.scale_rule,
-            "protocol": record.protocol["name"],
+            "protocol": record.protocol.name,
             "seed": record.seed,
             **{name: _value(record, name) for name in metrics},
             "wall_s": sum(stage.wall_s for stage in record.stages) if record.stages else None,

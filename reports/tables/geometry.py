@@ -37,7 +37,7 @@ def geometry_table(
     """The paper's geometry table of some records: a pure function of them.
 
     Args:
-        records: Of one run.
+        records: Records of one run.
         methods: Rows wanted, in this order; all by default.
         subjects: Subjects that count; all of the records' by default.
         interval: Makes a confidence interval of the mean from the subjects' values.

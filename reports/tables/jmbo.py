@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from harness.core.errors import ProtocolMismatch
-from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from reports.published import PUBLISHED
+from reports.tables.geometry import metric_column
 from reports.tables.selection import Group, select
-from reports.tables.table import Cell, Column, Interval, Row, Table, subject_cell, with_common_means
+from reports.tables.table import Cell, Interval, Row, Table, subject_cell, with_common_means
 
 __all__ = ["BODY_METRICS", "jmbo_table"]
 
@@ -52,7 +52,9 @@ def jmbo_table(
         dataset=selection.dataset,
         recipe=selection.recipe,
         protocol=selection.protocol,
-        columns=tuple(_column(metric) for metric in BODY_METRICS),
+        columns=tuple(
+            metric_column(metric, ranked=metric not in _UNRANKED) for metric in BODY_METRICS
+        ),
         rows=tuple(_row(group, len(selection.subjects), interval) for group in with_body),
         remarks=(
             "Losses: per image, mean over the views; weights of the total 1, 0.2, 0.1",
@@ -90,18 +92,6 @@ def _about_the_truth(records: Sequence[Record]) -> list[str]:
 
 def _has_body(group: Group) -> bool:
     return any("silhouette_loss" in record.metrics for record in group.ok)
-
-
-def _column(metric: str) -> Column:
-    described = METRICS[metric]
-    return Column(
-        id=metric,
-        title=described.title,
-        latex_title=described.latex_title,
-        unit=described.unit,
-        digits=described.digits,
-        ranked=metric not in _UNRANKED,
-    )
 
 
 def _row(group: Group, of: int, interval: Interval | None) -> Row:

@@ -6,22 +6,17 @@ estimator has something to add to the body; CSV and JSON have the whole subject'
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 from harness.core.errors import DataError
 from harness.core.records import Record
+from harness.core.results import AngularErrors, AngularPair, NormalMapErrors
 from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 
-__all__ = ["Headline", "headline", "normals_of", "normals_table"]
-
-#: One view and side in a record's details.
-Entry = Mapping[str, object]
-#: A summary's numbers; None where no pixel tells.
-Numbers = Mapping[str, float | None]
+__all__ = ["Headline", "headline", "normals_table"]
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -31,6 +26,10 @@ class _PhotoSide:
     view: int
     yaw_deg: float
     side: str
+
+    @classmethod
+    def of(cls, errors: NormalMapErrors) -> _PhotoSide:
+        return cls(errors.view, errors.yaw_deg, errors.side)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,37 +48,70 @@ class Headline:
 
 @dataclass(frozen=True, slots=True)
 class _Measure:
-    """A number of a summary: its field, and how a column shows it."""
+    """A number of a summary, and how a column shows it."""
 
-    field: str
     id: str
     title: str
     latex_title: str
     unit: Unit
     digits: int
+    read: Callable[[AngularErrors], float | None]
     factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Quantity:
-    """A column and what it shows: a measure of the ``estimate`` or the ``body``, which pixels'."""
+    """What a column shows: a measure of the estimate or of the body, on which pixels."""
 
-    column: Column
     measure: _Measure
-    of: str
-    pixels: str
+    of_body: bool = False
+    of_whole_subject: bool = False
+
+    @property
+    def column(self) -> Column:
+        """Its id says what it is of; in print the caption does."""
+        measure = self.measure
+        prefix = f"{'all_' if self.of_whole_subject else ''}{'body_' if self.of_body else ''}"
+        name = f"{prefix}{measure.id}"
+        shown = {"body": self.of_body, "all pixels": self.of_whole_subject}
+        words = [word for word, is_shown in shown.items() if is_shown]
+        about = f" ({', '.join(words)})" if words else ""
+        short = _SHORT_TITLES.get(name)
+        return Column(
+            id=name,
+            title=short or f"{measure.title}{about}",
+            latex_title=short or f"{measure.latex_title}{about}",
+            unit=measure.unit.value,
+            digits=measure.digits,
+            ranked=False,
+        )
+
+    def value(self, errors: NormalMapErrors, *, labelled: bool) -> float | None:
+        """In the column's unit, over all pixels where nothing is labelled; None without pixels."""
+        clothed = labelled and not self.of_whole_subject
+        pair = errors.clothed if clothed and errors.clothed else errors.whole
+        found = self.measure.read(pair.body if self.of_body else pair.estimate)
+        return None if found is None else self.measure.factor * found
 
 
+_DEG, _PERCENT = Unit.degree, Unit.percent
 _MEASURES = (
-    _Measure("mean_deg", "error", "Error", "Error", Unit.degree, 2),
-    _Measure("median_deg", "median", "Median", "Median", Unit.degree, 2),
-    *(
-        _Measure(f"share_{name}", name, f"< {text}°", rf"$<{text}^\circ$", Unit.percent, 1, 100.0)
-        for name, text in (("below_11_25", "11.25"), ("below_22_5", "22.5"), ("below_30", "30"))
+    _Measure("error", "Error", "Error", _DEG, 2, lambda errors: errors.mean_deg),
+    _Measure("median", "Median", "Median", _DEG, 2, lambda errors: errors.median_deg),
+    _Measure(
+        "below_11_25", "< 11.25°", r"$<11.25^\circ$", _PERCENT, 1,
+        lambda errors: errors.share_below_11_25, 100.0,
     ),
-)
-#: Their ids say for what and over which pixels; in print they are clear from the caption.
-_PREFIXES = {"estimate": "", "body": "body_"}, {"clothed": "", "all": "all_"}
+    _Measure(
+        "below_22_5", "< 22.5°", r"$<22.5^\circ$", _PERCENT, 1,
+        lambda errors: errors.share_below_22_5, 100.0,
+    ),
+    _Measure(
+        "below_30", "< 30°", r"$<30^\circ$", _PERCENT, 1,
+        lambda errors: errors.share_below_30, 100.0,
+    ),
+)  # fmt: skip
+_PIXELS = _Measure("pixels", "Pixels", "Pixels", Unit.none, 0, lambda errors: errors.n)
 _SHORT_TITLES = {"body_error": "Body", "all_error": "All pixels"}
 _REMARKS = (
     "Angle between estimated and true normals on the pixels of garments and shoes: mean, median, "
@@ -91,36 +123,16 @@ _REMARKS = (
 )
 _UNLABELLED = "Scans without labels of garments: every column is over all pixels of the subject"
 
-
-def _quantity(measure: _Measure, of: str, pixels: str) -> _Quantity:
-    names, areas = _PREFIXES
-    name = f"{areas[pixels]}{names[of]}{measure.id}"
-    words = [
-        word for word, shown in (("body", of == "body"), ("all pixels", pixels == "all")) if shown
-    ]
-    about = f" ({', '.join(words)})" if words else ""
-    short = _SHORT_TITLES.get(name)
-    column = Column(
-        id=name,
-        title=short or f"{measure.title}{about}",
-        latex_title=short or f"{measure.latex_title}{about}",
-        unit=measure.unit.value,
-        digits=measure.digits,
-        ranked=False,
-    )
-    return _Quantity(column, measure, of, pixels)
-
-
 _QUANTITIES = {
     quantity.column.id: quantity
     for quantity in (
         *(
-            _quantity(m, of, pixels)
-            for pixels in _PREFIXES[1]
-            for of in _PREFIXES[0]
-            for m in _MEASURES
+            _Quantity(measure, of_body, of_whole_subject)
+            for of_whole_subject in (False, True)
+            for of_body in (False, True)
+            for measure in _MEASURES
         ),
-        _quantity(_Measure("n", "pixels", "Pixels", "Pixels", Unit.none, 0), "estimate", "clothed"),
+        _Quantity(_PIXELS),
     )
 }
 _RATIO = Column("ratio", "Ratio", "Ratio", Unit.none.value, 2, ranked=False)
@@ -137,17 +149,21 @@ def normals_table(
 ) -> Table:
     """The errors of some records' normal maps: a pure function of them.
 
-    Methods with a record that tells nothing of normal maps are named in a remark; without any other
+    Methods with a record without normal maps are named in a remark; without any other
     method there are no rows. Arguments and errors are those of ``geometry_table``.
     """
     selection = select(records, methods, subjects)
-    told = [group for group in selection.groups if group.ok and all(map(normals_of, group.ok))]
-    untold = [group for group in selection.groups if group not in told]
+    shown = [
+        group
+        for group in selection.groups
+        if group.ok and all(record.normal_maps for record in group.ok)
+    ]
+    absent = [group for group in selection.groups if group not in shown]
     columns = {name: quantity.column for name, quantity in _QUANTITIES.items()}
     printed = (columns["body_error"], columns["error"], _RATIO, *(columns[n] for n in _PRINTED))
     rows = [
         _row(group, key, len(selection.subjects), interval)
-        for group in told
+        for group in shown
         for key in _keys(group)
     ]
     return Table(
@@ -161,31 +177,29 @@ def normals_table(
         rows=tuple(rows),
         remarks=(
             *_REMARKS,
-            *_estimator_remarks(told),
+            *_estimator_remarks(shown),
             *selection.remarks,
-            *_absence_remarks(untold),
+            *_absence_remarks(absent),
             *(["The paper prints no errors of normal maps"] if published else []),
         ),
     )
-
-
-def normals_of(record: Record) -> Sequence[Entry]:
-    """The errors of a record's normal maps by view and side; empty for a method without maps."""
-    return cast("Sequence[Entry]", record.details.get("normal_maps", ()))
 
 
 def headline(record: Record, view: int, side: str) -> Headline:
     """The mean errors of one map, over garments and shoes; over all pixels where these have none.
 
     Raises:
-        DataError: the record tells nothing of this view and side.
+        DataError: the record has nothing of this view and side.
     """
-    for entry in normals_of(record):
-        if (entry["view"], entry["side"]) == (view, side):
-            title = _photo_title(_key(entry).yaw_deg)
-            means = _means_deg(entry, "clothed") or _means_deg(entry, "all")
-            texts = [f"{mean:.1f}° off" for mean in means] if means else ["not compared"] * 2
-            return Headline(title, *texts)
+    for errors in record.normal_maps:
+        if (errors.view, errors.side) == (view, side):
+            pair = errors.clothed if errors.clothed and _is_known(errors.clothed) else errors.whole
+            known = _is_known(pair)
+            return Headline(
+                photo=_photo_title(errors.yaw_deg),
+                estimate=_mean_text(pair.estimate, known=known),
+                body=_mean_text(pair.body, known=known),
+            )
     raise DataError(
         f"the record of {record.method_name}/{record.subject} does not tell how good the normals "
         f"of view {view}, {side} side, are",
@@ -193,12 +207,13 @@ def headline(record: Record, view: int, side: str) -> Headline:
     )
 
 
-def _means_deg(entry: Entry, pixels: str) -> tuple[float, float] | None:
-    summaries = cast("Mapping[str, Numbers] | None", entry[pixels])
-    if summaries is None:
-        return None
-    estimate, body = (summaries[of]["mean_deg"] for of in ("estimate", "body"))
-    return None if estimate is None or body is None else (estimate, body)
+def _is_known(pair: AngularPair) -> bool:
+    """Whether there are pixels."""
+    return pair.estimate.mean_deg is not None and pair.body.mean_deg is not None
+
+
+def _mean_text(errors: AngularErrors, *, known: bool) -> str:
+    return f"{errors.mean_deg:.1f}° off" if known else "not compared"
 
 
 def _photo_title(yaw_deg: float) -> str:
@@ -208,22 +223,21 @@ def _photo_title(yaw_deg: float) -> str:
 
 def _keys(group: Group) -> list[_PhotoSide]:
     """The photos and sides of a method's records, near sides first."""
-    keys = {_key(entry) for record in group.ok for entry in normals_of(record)}
+    keys = {_PhotoSide.of(errors) for record in group.ok for errors in record.normal_maps}
     return sorted(keys, key=lambda key: (key.side != "near", key))
 
 
-def _key(entry: Entry) -> _PhotoSide:
-    view, yaw_deg, side = entry["view"], entry["yaw_deg"], entry["side"]
-    return _PhotoSide(cast(int, view), cast(float, yaw_deg), cast(str, side))
-
-
 def _row(group: Group, key: _PhotoSide, of: int, interval: Interval | None) -> Row:
-    entries = [entry for record in group.ok for entry in normals_of(record) if _key(entry) == key]
-    labelled = all(map(_labelled, entries))
+    entries = [
+        errors
+        for record in group.ok
+        for errors in record.normal_maps
+        if _PhotoSide.of(errors) == key
+    ]
+    labelled = all(errors.clothed is not None for errors in entries)
     cells: dict[str, Cell] = {}
     for name, quantity in _QUANTITIES.items():
-        pixels = quantity.pixels if labelled else "all"
-        found = [_number(entry, quantity, pixels) for entry in entries]
+        found = [quantity.value(errors, labelled=labelled) for errors in entries]
         values = [value for value in found if value is not None]
         if values:
             cells[name] = mean_cell(values, interval)
@@ -238,36 +252,23 @@ def _row(group: Group, key: _PhotoSide, of: int, interval: Interval | None) -> R
     )
 
 
-def _labelled(entry: Entry) -> bool:
-    return entry.get("clothed") is not None
-
-
-def _number(entry: Entry, quantity: _Quantity, pixels: str) -> float | None:
-    """In the column's unit; None where no pixel tells."""
-    measure = quantity.measure
-    summaries = cast("Mapping[str, Numbers]", entry[pixels])
-    value = summaries[quantity.of][measure.field]
-    return None if value is None else measure.factor * value
-
-
-def _estimator_remarks(told: Sequence[Group]) -> list[str]:
+def _estimator_remarks(shown: Sequence[Group]) -> list[str]:
     """Which estimator made whose maps."""
     made: dict[str, list[str]] = {}
-    for group in told:
-        parts = cast("Sequence[Mapping[str, str]]", group.ok[0].method.get("parts", ()))
-        for part in parts:
-            if part["role"] == "normal estimator":
-                made.setdefault(part["name"], []).append(group.title)
+    for group in shown:
+        for part in group.ok[0].method.parts:
+            if part.role == "normal estimator":
+                made.setdefault(part.name, []).append(group.title)
     texts = [f"{name} ({'; '.join(titles)})" for name, titles in made.items()]
     return [f"Estimators: {', '.join(texts)}"] if texts else []
 
 
-def _absence_remarks(untold: Sequence[Group]) -> list[str]:
+def _absence_remarks(absent: Sequence[Group]) -> list[str]:
     """Methods with a record without normal maps, and how many."""
     names = [
-        f"{group.title} ({sum(not normals_of(record) for record in group.ok)} of {len(group.ok)} "
+        f"{group.title} ({sum(not record.normal_maps for record in group.ok)} of {len(group.ok)} "
         "records)"
-        for group in untold
+        for group in absent
     ]
     why = "the method makes none, or the record is older than they"
     return [f"Without normal maps, because {why}: {'; '.join(names)}"] if names else []

@@ -7,12 +7,13 @@ the differences, and whether it is more than chance is asked of their signs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 
 from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from harness.core.units import Unit
+from reports.statistics import sign_flip_p_value
 from reports.tables.geometry import GEOMETRY_METRICS, metric_column, metric_value
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
@@ -30,7 +31,6 @@ _NOT_PRINTED = (
 def paired_table(
     records: Sequence[Record],
     *,
-    p_value: Callable[[Sequence[float]], float],
     methods: Sequence[str] | None = None,
     subjects: Sequence[str] | None = None,
     interval: Interval | None = None,
@@ -39,8 +39,7 @@ def paired_table(
     """Each method minus the first, mean over the subjects that both have: a pure function.
 
     Args:
-        records: Of one run.
-        p_value: Two-sided, of "these differences are as likely to have the other sign".
+        records: Records of one run.
         methods: The first that may be ranked is compared against; by default the records' first.
         subjects: Subjects that count; all of the records' by default.
         interval: Makes a confidence interval of the mean difference.
@@ -54,7 +53,7 @@ def paired_table(
     found = {group.method: _differences(group, ranked[0]) for group in ranked[1:]}
     p_values = _adjusted(
         {
-            (method, metric): p_value(values)
+            (method, metric): sign_flip_p_value(values)
             for method, differences in found.items()
             for metric, values in differences.items()
         }

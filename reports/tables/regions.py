@@ -6,27 +6,17 @@ accuracy, normals, and the shares of missing and bulging surface go to CSV and J
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 from harness.core.errors import DataError
 from harness.core.records import Record
+from harness.core.results import RegionErrors
 from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Column, Interval, Row, Table, subject_cell, with_common_means
 
-__all__ = [
-    "LEAST_SHARE",
-    "REGION_GROUPS",
-    "RegionGroup",
-    "RegionNumbers",
-    "regions_of",
-    "regions_table",
-]
-
-#: The errors of one region in a record's details; None where no point tells.
-RegionNumbers = Mapping[str, float | None]
+__all__ = ["LEAST_SHARE", "REGION_GROUPS", "RegionGroup", "regions_table"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,30 +64,40 @@ class _Measure:
 
     Attributes:
         id: In column ids.
-        field: In records.
         title: After the region's.
-        unit: Of the numbers.
+        unit: Unit of the numbers.
         digits: Decimals.
-        points: The field that counts the points it is a mean of; None if it adds up.
+        read: The number of one region.
+        points: How many points it is a mean of; None if regions add up.
     """
 
     id: str
-    field: str
     title: str
     unit: Unit
     digits: int
-    points: str | None
+    read: Callable[[RegionErrors], float | None]
+    points: Callable[[RegionErrors], int] | None
+
+
+def _on_truth(errors: RegionErrors) -> int:
+    return errors.n_truth
+
+
+def _on_prediction(errors: RegionErrors) -> int:
+    return errors.n_predicted
 
 
 _COMPLETENESS = _Measure(
-    "completeness", "completeness_mm", "completeness", Unit.millimetre, 1, "n_truth"
+    "completeness", "completeness", Unit.millimetre, 1, lambda e: e.completeness_mm, _on_truth
 )
 _MORE = (
-    _Measure("accuracy", "accuracy_mm", "accuracy", Unit.millimetre, 1, "n_predicted"),
-    _Measure("normal_error", "normal_error_deg", "normal error", Unit.degree, 1, "n_predicted"),
-    _Measure("missing", "missing_share", "missing", Unit.ratio, 3, "n_truth"),
-    _Measure("bulge", "bulge_share", "bulges", Unit.ratio, 3, "n_predicted"),
-    _Measure("area", "area_share", "area", Unit.ratio, 3, None),
+    _Measure("accuracy", "accuracy", Unit.millimetre, 1, lambda e: e.accuracy_mm, _on_prediction),
+    _Measure(
+        "normal_error", "normal error", Unit.degree, 1, lambda e: e.normal_error_deg, _on_prediction
+    ),
+    _Measure("missing", "missing", Unit.ratio, 3, lambda e: e.missing_share, _on_truth),
+    _Measure("bulge", "bulges", Unit.ratio, 3, lambda e: e.bulge_share, _on_prediction),
+    _Measure("area", "area", Unit.ratio, 3, lambda e: e.area_share, None),
 )
 
 
@@ -111,14 +111,14 @@ def regions_table(
 ) -> Table:
     """The errors by region of some records: a pure function of them.
 
-    A subject counts in the columns whose regions it has. Methods with a record that tells nothing
-    of regions are named in a remark; without any other method there are no rows. Arguments and
+    A subject counts in the columns whose regions it has. Methods with a record without errors
+    by region are named in a remark; without any other method there are no rows. Arguments and
     errors are those of ``geometry_table``.
     """
     selection = select(records, methods, subjects)
-    told = [group for group in selection.groups if all(map(regions_of, group.ok))]
-    untold = [group for group in selection.groups if group not in told]
-    measured = any(group.ok for group in told)
+    shown = [group for group in selection.groups if all(record.regions for record in group.ok)]
+    absent = [group for group in selection.groups if group not in shown]
+    measured = any(group.ok for group in shown)
     table = Table(
         name="regions",
         title="Completeness by region",
@@ -127,21 +127,16 @@ def regions_table(
         protocol=selection.protocol,
         columns=tuple(_column(_COMPLETENESS, group) for group in REGION_GROUPS),
         more=tuple(_column(measure, group) for measure in _MORE for group in REGION_GROUPS),
-        rows=tuple(_row(group, len(selection.subjects), interval) for group in told if measured),
+        rows=tuple(_row(group, len(selection.subjects), interval) for group in shown if measured),
         remarks=(
             *_REMARKS,
-            *_subject_remarks(told),
+            *_subject_remarks(shown),
             *selection.remarks,
-            *_absence_remarks(untold),
+            *_absence_remarks(absent),
             *(["The paper prints no errors by region"] if published else []),
         ),
     )
     return with_common_means(table)
-
-
-def regions_of(record: Record) -> Mapping[str, RegionNumbers]:
-    """The errors of a record's regions by name; empty where its scan has no labels."""
-    return cast("Mapping[str, RegionNumbers]", record.details.get("regions", {}))
 
 
 def _column(measure: _Measure, group: RegionGroup) -> Column:
@@ -172,52 +167,52 @@ def _pooled(record: Record, group: RegionGroup, measure: _Measure) -> float | No
     """One subject's number for a group's regions together, or None where no point tells."""
     parts = _parts(record, group)
     if measure.points is None:
-        return sum(_known(part[measure.field]) for part in parts) if parts else None
-    counts = [_known(part[measure.points]) for part in parts]
+        return sum(_known(measure.read(part)) for part in parts) if parts else None
+    counts = [measure.points(part) for part in parts]
     total = sum(
-        _known(part[measure.field]) * count
+        _known(measure.read(part)) * count
         for part, count in zip(parts, counts, strict=True)
         if count
     )
     return total / sum(counts) if any(counts) else None
 
 
-def _parts(record: Record, group: RegionGroup) -> list[RegionNumbers]:
+def _parts(record: Record, group: RegionGroup) -> list[RegionErrors]:
     """The regions of a group that a subject has; none if all of them together are too small."""
-    parts = [part for name, part in regions_of(record).items() if name in group.regions]
-    large = sum(_known(part["area_share"]) for part in parts) >= LEAST_SHARE
+    parts = [part for name, part in record.regions.items() if name in group.regions]
+    large = sum(part.area_share for part in parts) >= LEAST_SHARE
     return parts if large else []
 
 
 def _known(value: float | None) -> float:
-    """A number that is None only where there are no points, which the caller has seen to."""
+    """A number that is None only where there are no points, which the caller has checked."""
     if value is None:
         raise DataError("a record's region has points but no error", hint="Evaluate it again")
     return value
 
 
-def _subject_remarks(told: Sequence[Group]) -> list[str]:
+def _subject_remarks(shown: Sequence[Group]) -> list[str]:
     """How many subjects count in a column, where that is not all; and labels of no column."""
-    records = {record.subject: record for group in told for record in group.ok}
+    records = {record.subject: record for group in shown for record in group.ok}
     counts = {
         group.title: sum(bool(_parts(record, group)) for record in records.values())
         for group in REGION_GROUPS
     }
     some = [f"{title} {count}" for title, count in counts.items() if count < len(records)]
     known = frozenset().union(*(group.regions for group in REGION_GROUPS))
-    labels = {name for record in records.values() for name in regions_of(record)}
+    labels = {name for record in records.values() for name in record.regions}
     return [
         *([f"Not on all of {len(records)} subjects: {', '.join(some)}"] if some else []),
         *([f"In no column: {', '.join(sorted(labels - known))}"] if labels - known else []),
     ]
 
 
-def _absence_remarks(untold: Sequence[Group]) -> list[str]:
+def _absence_remarks(absent: Sequence[Group]) -> list[str]:
     """Methods with a record of an unlabelled scan, or of an earlier version, and how many."""
     names = [
-        f"{group.title} ({sum(not regions_of(record) for record in group.ok)} of {len(group.ok)} "
+        f"{group.title} ({sum(not record.regions for record in group.ok)} of {len(group.ok)} "
         "records)"
-        for group in untold
+        for group in absent
     ]
     why = "the scan has no labels, or the record is older than they"
     return [f"Without errors by region, because {why}: {'; '.join(names)}"] if names else []

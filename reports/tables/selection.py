@@ -1,4 +1,4 @@
-"""Which records may stand in one table, and what a reader must be told about each method.
+"""Which records may stand in one table, and what a reader must know about each method.
 
 Records of different datasets, recipes, captures or metric protocols never meet; neither do two
 versions of one method. A subject that failed or was never run keeps its place in the count.
@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import canonical_json
 from harness.core.privileges import Privilege
-from harness.core.records import Record
+from harness.core.protocols import MethodInfo
+from harness.core.records import ProtocolStamp, Record
 from reports.tables.table import Cell, Row
 
 __all__ = ["Group", "Selection", "check_comparable", "select"]
 
 _SHOWN_SUBJECTS = 8
 _REASON_LENGTH = 120
-#: What a method says to readers; it does not change a number.
-_WORDS = frozenset({"title", "deviations"})
 #: A method that is given one of these hands the answer back: a test of the ruler, not a rival.
 _ANSWERS = frozenset({Privilege.GROUND_TRUTH_MESH})
 _SCAN_UNITS = (
@@ -49,7 +48,7 @@ class Group:
     title: str
     ok: tuple[Record, ...]
     notes: tuple[str, ...]
-    privileges: tuple[str, ...]
+    privileges: tuple[Privilege, ...]
     competes: bool
 
     def row(self, of: int, cells: Mapping[str, Cell]) -> Row:
@@ -72,7 +71,7 @@ class Selection:
 
     dataset: str
     recipe: str
-    protocol: Mapping[str, object]
+    protocol: ProtocolStamp
     subjects: tuple[str, ...]
     groups: tuple[Group, ...]
     remarks: tuple[str, ...]
@@ -86,7 +85,7 @@ def select(
     """The records that a table is made of, checked and grouped.
 
     Args:
-        records: Of one run.
+        records: Records of one run.
         methods: Rows wanted, in this order; by default all, in the order of their first record.
         subjects: Subjects that count; by default all of the dataset that any method, wanted or not,
             has a record of.
@@ -133,21 +132,16 @@ def check_comparable(records: Sequence[Record]) -> None:
     """
     _check_same("unit of length", [(record.length_unit, record) for record in records])
     _check_same("dataset", [(record.dataset, record) for record in records])
-    _check_same("metric protocol", [(_protocol_text(record), record) for record in records])
+    _check_same("metric protocol", [(record.protocol.text, record) for record in records])
     # A mesh made elsewhere has no photos of ours; its row says so instead.
     _check_same("recipe", [(record.recipe, record) for record in records if record.recipe])
     for subject in {record.subject for record in records}:
         captures = [
-            (str(record.capture["key"]), record)
+            (record.capture.key, record)
             for record in records
-            if record.subject == subject and record.capture.get("key")
+            if record.subject == subject and record.capture.key
         ]
         _check_same(f"capture of {subject}", captures)
-
-
-def _protocol_text(record: Record) -> str:
-    protocol = record.protocol
-    return f"{protocol['name']} version {protocol['version']} (sha {protocol['sha']})"
 
 
 def _check_same(what: str, values: Sequence[tuple[str, Record]]) -> None:
@@ -185,10 +179,10 @@ def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) ->
     ok = tuple(records[s] for s in subjects if s in records and records[s].status == "ok")
     _check_one_method(ok)
     described = next(iter(ok or records.values()), None)
-    method: Mapping[str, object] = described.method if described else {}
-    privileges = tuple(str(entry) for entry in method.get("privileges", ()))  # type: ignore[attr-defined]
+    method = described.method if described else MethodInfo(name, name)
+    given = ", ".join(privilege.label for privilege in method.privileges)
     notes = (
-        f"Given: {', '.join(privileges).replace('_', ' ')}" if privileges else "",
+        f"Given: {given}" if given else "",
         _parts_note(method),
         _SCAN_UNITS_ROW if ok and ok[0].length_unit != "metre" else "",
         "Meshes made elsewhere" if ok and not all(record.recipe for record in ok) else "",
@@ -196,18 +190,19 @@ def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) ->
     )
     return Group(
         method=name,
-        title=str(method.get("title", name)),
+        title=method.title,
         ok=ok,
         notes=tuple(note for note in notes if note),
-        privileges=privileges,
-        competes=_ANSWERS.isdisjoint(privileges),
+        privileges=method.privileges,
+        competes=_ANSWERS.isdisjoint(method.privileges),
     )
 
 
 def _check_one_method(ok: Sequence[Record]) -> None:
     for record in ok[1:]:
-        for field in sorted({*ok[0].method, *record.method} - _WORDS):
-            expected, got = ok[0].method.get(field), record.method.get(field)
+        first, other = ok[0].method.identity(), record.method.identity()
+        for field in sorted(first):
+            expected, got = first[field], other[field]
             if canonical_json(expected) != canonical_json(got):
                 raise ProtocolMismatch(
                     f"{_cell(ok[0])} and {_cell(record)} were made by two states of the method: "
@@ -218,10 +213,9 @@ def _check_one_method(ok: Sequence[Record]) -> None:
                 )
 
 
-def _parts_note(method: Mapping[str, object]) -> str:
-    parts: Sequence[Mapping[str, str]] = method.get("parts", ())  # type: ignore[assignment]
-    described = (f"{part['role']} {part['name']} ({part['licence']})" for part in parts)
-    return f"Parts: {', '.join(described)}" if parts else ""
+def _parts_note(method: MethodInfo) -> str:
+    described = (f"{part.role} {part.name} ({part.licence})" for part in method.parts)
+    return f"Parts: {', '.join(described)}" if method.parts else ""
 
 
 def _absence_notes(records: Mapping[str, Record], subjects: Sequence[str]) -> list[str]:
@@ -252,5 +246,5 @@ def _subjects_text(subjects: Sequence[str]) -> str:
 
 
 def _capture_remarks(records: Sequence[Record]) -> tuple[str, ...]:
-    warned = sorted({record.subject for record in records if record.capture.get("warnings")})
+    warned = sorted({record.subject for record in records if record.capture.warnings})
     return (f"Captures with warnings: {_subjects_text(warned)}",) if warned else ()

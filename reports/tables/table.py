@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Literal
 
+from harness.core.privileges import Privilege
+from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock
 
 __all__ = [
@@ -107,7 +109,7 @@ class Row:
     of: int
     cells: Mapping[str, Cell]
     notes: tuple[str, ...] = ()
-    privileges: tuple[str, ...] = ()
+    privileges: tuple[Privilege, ...] = ()
     competes: bool = True
     stages: tuple[Stage, ...] = ()
 
@@ -120,7 +122,7 @@ class Table:
         name: As on the command line, such as ``geometry``.
         title: For people.
         dataset, recipe: What every row was measured on.
-        protocol: Name, version and sha of the metric protocol; empty where nothing was measured.
+        protocol: The metric protocol; None where nothing was measured.
         columns: Left to right.
         rows: Top to bottom.
         remarks: Sentences about the whole table.
@@ -133,7 +135,7 @@ class Table:
     title: str
     dataset: str
     recipe: str
-    protocol: Mapping[str, object]
+    protocol: ProtocolStamp | None
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     remarks: tuple[str, ...] = ()
@@ -221,10 +223,9 @@ class Table:
             f"{self.title} on {self.dataset}, {subjects} subject{'' if subjects == 1 else 's'}, "
             f"photos {self.recipe or 'made elsewhere'}"
         )
-        if self.origin:
+        if self.protocol is None:
             return [measured_on, self.origin]
-        name, version, sha = (self.protocol[key] for key in ("name", "version", "sha"))
-        return [measured_on, f"Metric protocol {name} version {version} (sha {sha})"]
+        return [measured_on, f"Metric protocol {self.protocol.text}"]
 
     def _where_best(self) -> str:
         """On which subjects the best is found, where rows are not all of the same."""

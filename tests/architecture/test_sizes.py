@@ -1,8 +1,10 @@
-"""Modules and functions fit a screen, and no module is a drawer for odds and ends."""
+"""Modules, functions and folders fit a screen, and no module is a drawer for odds and ends."""
 
 from __future__ import annotations
 
 import ast
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
 MODULE_LINES, FUNCTION_LINES, PARAMETERS = 400, 60, 6
+FOLDER_MODULES = 12
 DRAWERS = {"common", "helper", "helpers", "misc", "util", "utils"}
 
 
@@ -46,6 +49,37 @@ def test_every_module_fits() -> None:
 
     assert len(paths) > 50
     assert found == []
+
+
+def crowded(names: Iterable[str]) -> list[str]:
+    """The folders with too many modules among the paths of some; ``__init__`` does not count."""
+    count = Counter(Path(name).parent.as_posix() for name in names if Path(name).stem != "__init__")
+    return [f"{folder}: {n} modules" for folder, n in sorted(count.items()) if n > FOLDER_MODULES]
+
+
+def test_no_folder_is_crowded() -> None:
+    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+
+    assert crowded(path.relative_to(ROOT).as_posix() for path in paths) == []
+
+
+def test_every_folder_says_what_lives_there() -> None:
+    folders = {path.parent for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
+    silent = [
+        folder.relative_to(ROOT).as_posix()
+        for folder in sorted(folders)
+        if not ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+    ]
+
+    assert silent == []
+
+
+@pytest.mark.parametrize(("count", "found"), [(12, []), (13, ["methods/fit: 13 modules"])])
+def test_the_gate_counts_the_modules_of_a_folder(count: int, found: list[str]) -> None:
+    names = [f"methods/fit/m{k}.py" for k in range(count)]
+    elsewhere = ["methods/fit/__init__.py", "methods/fit/deeper/m.py", "methods/gt.py"]
+
+    assert crowded([*names, *elsewhere]) == found
 
 
 def test_tests_have_no_drawers_either() -> None:

@@ -15,7 +15,7 @@ import pytest
 from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.topology import concatenated, open_edges
 from methods.clothed import integrated
 from methods.normals import (
     NormalChoice,
@@ -27,8 +27,7 @@ from methods.stages import Stages, contact_sheet
 from methods.surface import FrontBackDepth, front_back_sheets
 from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import FrontBackParameters
-from methods.surface.fusion import FusionParameters, concatenated, fused
-from methods.surface.pinches import open_edges
+from methods.surface.fusion import FusionParameters, fused
 
 RESOLUTION = 256
 #: On a busy machine single measurements differ by half.
@@ -75,12 +74,12 @@ class Walk:
 def normals(walk: Walk) -> None:
     camera = RingRig().cameras(1080, 1920)[0].cropped(60, 480, 960, 960)
     camera = camera.resized(RESOLUTION, RESOLUTION)
-    scan = SidedRaycaster(figure(0.02))
+    scan = Raycaster(figure(0.02))
     mask = Raycaster(figure(0.02)).mask(camera)
     view = WorkingView(0, camera, np.zeros((*mask.shape, 3)), mask)
     oracle = {"oracle_normals": lambda camera, side="near": scan.normals(camera, side)}
     estimator = NormalChoice("oracle").estimator(camera, oracle)
-    walk.maps = view_maps(view, SidedRaycaster(walk.body), estimator)
+    walk.maps = view_maps(view, Raycaster(walk.body), estimator)
 
 
 def integration(walk: Walk) -> None:

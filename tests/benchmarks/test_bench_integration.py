@@ -9,7 +9,7 @@ import pytest
 from scipy.sparse import coo_array, diags_array, vstack
 from scipy.special import expit
 
-from methods.surface import BodyPrior, integrate_front_back, integrate_normals
+from methods.surface import BodyDepth, integrate_front_back, integrate_normals
 
 # On one thread the plain way takes three to five times as long; the bound leaves room for noise.
 LEAST_SPEEDUP = 2.0
@@ -133,7 +133,7 @@ def test_front_and_back_of_a_person_in_full_portrait(benchmark) -> None:
         normal = (depth[..., None] * rays - (0.0, 0.0, 3.0)) * shape * (1.0, -1.0, -1.0)
         normals.append(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
     result = benchmark.pedantic(
-        integrate_front_back, args=(normals, mask, BodyPrior(*depths), K), rounds=1
+        integrate_front_back, args=(normals, mask, BodyDepth(*depths), K), rounds=1
     )
     assert 150_000 < mask.sum() < 200_000
     middle = result.front[960, 540], result.back[960, 540]

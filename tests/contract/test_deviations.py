@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.pipeline.run.plan import resolve_method
+from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.published import SET_BY_USER, Published
 from methods.surface.front_back import FrontBackParameters
 
@@ -52,7 +52,7 @@ PUBLISHED = {
 
 def differing(name: str, settings: dict[str, str] | None = None) -> dict[str, object]:
     """The method's settings that are not the published ones."""
-    parameters = resolve_method(name, settings or {}).info.parameters
+    parameters = ChosenMethod.of(name, settings or {}).info.parameters
     found = {}
     for path, published in PUBLISHED[name].items():
         room, _, setting = path.partition(".")
@@ -63,7 +63,7 @@ def differing(name: str, settings: dict[str, str] | None = None) -> dict[str, ob
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_every_setting_that_differs_is_listed_with_a_reason(name):
-    listed = {deviation.what: deviation for deviation in resolve_method(name, {}).info.deviations}
+    listed = {deviation.what: deviation for deviation in ChosenMethod.of(name, {}).info.deviations}
     differences = differing(name)
     assert set(differences) <= set(listed)
     for path, here in differences.items():
@@ -83,7 +83,7 @@ def test_only_licensed_parts_and_the_recomputed_normals_differ_by_default(name):
 
 
 def test_a_setting_of_the_users_becomes_a_deviation():
-    changed = resolve_method("mexecon8", {"body.normal": "0.5", "surface.faces": "0"}).info
+    changed = ChosenMethod.of("mexecon8", {"body.normal": "0.5", "surface.faces": "0"}).info
     listed = {deviation.what: deviation for deviation in changed.deviations}
     assert listed["body.normal"].why == SET_BY_USER
     assert (listed["surface.faces"].published, listed["surface.faces"].here) == ("50000", "0")
@@ -103,7 +103,7 @@ def test_a_setting_of_the_users_becomes_a_deviation():
     ],
 )
 def test_differences_that_no_setting_shows_are_listed(silent):
-    assert silent in [entry.what for entry in resolve_method("mexecon8", {}).info.deviations]
+    assert silent in [entry.what for entry in ChosenMethod.of("mexecon8", {}).info.deviations]
 
 
 def test_the_integration_stops_as_published():

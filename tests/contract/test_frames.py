@@ -15,21 +15,25 @@ from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.run.plan import resolve_method
+from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.catalog import METHODS
 
 SMALL = {
     "body.iterations": "2",
     "surface.resolution": "128",
     "surface.poisson_depth": "8",
-    "voxel_m": "0.01",
+    "hull.voxel_m": "0.01",
     "nview.resolution": "128",
     "nview.voxel_m": "0.012",
 }
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0
+
+
+#: The figure, its photos and what methods share are worked out once, in one process.
+pytestmark = [pytest.mark.xdist_group("frames"), pytest.mark.usefixtures("shared_fits")]
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +79,7 @@ def moved_and_turned() -> np.ndarray:
 
 
 def context(folder, truth: Mesh) -> Context:
-    caster = SidedRaycaster(truth)
+    caster = Raycaster(truth)
     return Context(
         seed=0,
         workdir=folder,
@@ -110,7 +114,7 @@ class Worlds:
 
 def small(name: str, extra: dict[str, str] | None = None):
     """The method at a size that a test can afford; a setting that it has not is left out."""
-    method = resolve_method(name, {})
+    method = ChosenMethod.of(name, {}).method
     parameters = method.info.parameters
     known = {
         path
@@ -118,7 +122,7 @@ def small(name: str, extra: dict[str, str] | None = None):
         if path in parameters or path.partition(".")[2] in parameters.get(path.split(".")[0], {})
     }
     settings = {path: SMALL[path] for path in known} | (extra or {})
-    return resolve_method(name, settings)
+    return ChosenMethod.of(name, settings).method
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.mesh import Mesh
-from harness.core.protocols import Context, Method
+from harness.core.protocols import Configurable, Context, Method
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.catalog import METHODS
@@ -69,6 +69,20 @@ def test_info_is_complete(name):
     assert method.info.title
     assert all(privilege.sentence for privilege in method.info.privileges)
     assert all(part.licence for part in method.info.parts)
+
+
+@pytest.mark.parametrize("name", list(METHODS))
+def test_a_method_with_settings_takes_them_by_room(name):
+    method = loaded(name)
+    if not method.info.parameters:
+        assert not isinstance(method, Configurable)
+        return
+    assert isinstance(method, Configurable)
+    assert all(dict(own) for own in method.info.parameters.values())
+    room = next(iter(method.info.parameters))
+    with pytest.raises(HarnessError, match=f"unknown setting '{room}.colour'"):
+        method.configured({f"{room}.colour": "red"})
+    assert method.configured({}).info == method.info
 
 
 @pytest.mark.slow

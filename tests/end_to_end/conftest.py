@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from harness.core.files.atomic import exclusive_lock
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 
@@ -34,6 +37,17 @@ recipes:
 protocols:
   mexecon: {version: 1, samples: 2000, sampling: independent, chamfer: sample-to-sample}
   exact: {version: 1, samples: 2000, sampling: stratified, chamfer: point-to-surface}
+"""
+
+
+#: Settings hold for every method of a command and ``gt`` has none: a visual hull that is quickly
+#: made needs a name of its own to be evaluated beside it.
+COARSE = """
+from dataclasses import replace
+from methods.hull import VisualHull, hull8
+
+_set = hull8.configured({"hull.voxel_m": "0.02"})
+coarse = VisualHull(replace(_set.info, name="coarse"), _set.settings)
 """
 
 
@@ -83,13 +97,24 @@ def put_subject(folder: Path, mesh: Mesh) -> None:
     Image.fromarray(np.ascontiguousarray(pixels)).save(folder / "material0.jpeg")
 
 
+def put_world(folder: Path) -> Path:
+    """The toy dataset and its manifest in a folder, which is a workspace then."""
+    (folder / "data_manifest.yaml").write_text(MANIFEST)
+    for subject, height in (("t1", 1.6), ("t2", 1.7), ("t3", 1.8)):
+        put_subject(folder / "scans" / "model" / subject, make_figure(height))
+    return folder
+
+
 @pytest.fixture
 def world(tmp_path: Path) -> Path:
     """A workspace with the toy dataset and its manifest."""
-    (tmp_path / "data_manifest.yaml").write_text(MANIFEST)
-    for subject, height in (("t1", 1.6), ("t2", 1.7), ("t3", 1.8)):
-        put_subject(tmp_path / "scans" / "model" / subject, make_figure(height))
-    return tmp_path
+    return put_world(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def make_world() -> Callable[[Path], Path]:
+    """``make_world(folder)``: a workspace with the toy dataset in an empty folder."""
+    return put_world
 
 
 @pytest.fixture
@@ -104,23 +129,69 @@ def write_subject() -> Callable[[Path, Mesh], None]:
     return put_subject
 
 
+@pytest.fixture(scope="session")
+def coarse_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a package that brings the method ``coarse``."""
+    folder = tmp_path_factory.mktemp("plugin")
+    (folder / "coarse_hull.py").write_text(COARSE)
+    about = folder / "coarse_hull-1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: coarse-hull\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[harness.methods]\ncoarse = coarse_hull:coarse\n")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def coarse_hull(coarse_package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands that are run know the method ``coarse``."""
+    monkeypatch.setenv("PYTHONPATH", str(coarse_package), prepend=os.pathsep)
+
+
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def run_harness(world: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "harness.cli.main", *arguments]
+    return subprocess.run(
+        command, cwd=world, capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 @pytest.fixture
 def harness(world: Path) -> Run:
     """``harness("eval", "--method", "gt")`` in the world, as a person would run it."""
-
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "harness.cli.main", *arguments]
-        return subprocess.run(
-            command, cwd=world, capture_output=True, text=True, timeout=300, check=False
-        )
-
-    return run
+    return lambda *arguments: run_harness(world, *arguments)
 
 
 EVAL = ("eval", "--dataset", "toy", "--recipe", "tiny")
+
+
+@pytest.fixture(scope="session")
+def finished_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A world with all photos and all records of ``gt``, made once for all test processes."""
+    place = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = place.parent
+    finished = place / "finished-world"
+    with exclusive_lock(place / "finished-world.lock"):
+        if not finished.exists():
+            begun = tmp_path_factory.mktemp("begun-world")
+            done = run_harness(put_world(begun), *EVAL, "--method", "gt", "--jobs", "2")
+            assert done.returncode == 0, done.stderr
+            begun.rename(finished)
+    return finished
+
+
+@pytest.fixture
+def photographed(world: Path, finished_world: Path) -> None:
+    """The world's photos are there already."""
+    shutil.copytree(finished_world / "captures", world / "captures")
+
+
+@pytest.fixture
+def measured(world: Path, finished_world: Path, photographed: None) -> None:
+    """The world's photos and its records of ``gt`` are there already."""
+    shutil.copytree(finished_world / "runs", world / "runs")
 
 
 @pytest.fixture

@@ -43,6 +43,7 @@ def spoil(world, figure, write_subject) -> None:
     manifest.write_text(manifest.read_text().replace("[t1, t2, t3]", f"[{', '.join(DEFECTS)}]"))
 
 
+@pytest.mark.usefixtures("photographed")
 def test_every_bad_scan_is_its_own_record_and_the_rest_is_measured(
     world, harness, eval_toy, figure, write_subject
 ):
@@ -57,17 +58,19 @@ def test_every_bad_scan_is_its_own_record_and_the_rest_is_measured(
     assert "2/6" in harness("report").stdout
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_damaged_photo_is_noticed_and_rendered_again(world, eval_toy):
-    assert eval_toy("hull8", "--subjects", "t1").returncode == 0
+    assert eval_toy("coarse", "--subjects", "t1").returncode == 0
     photo = world / "captures/toy/t1/tiny/rgb/03.png"
     whole = photo.read_bytes()
     photo.write_bytes(whole[: len(whole) // 2])
-    plan = eval_toy("hull8", "--subjects", "t1", "--dry-run").stdout
+    plan = eval_toy("coarse", "--subjects", "t1", "--dry-run").stdout
     assert "03.png is damaged" in plan
-    assert eval_toy("hull8", "--subjects", "t1").returncode == 0
+    assert eval_toy("coarse", "--subjects", "t1").returncode == 0
     assert photo.read_bytes() == whole
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_full_disk_fails_one_cell_and_leaves_nothing_half_written(world):
     def small_disk() -> None:
         # No file may grow beyond this: as on a full disk, writing stops half-way.
@@ -79,7 +82,7 @@ def test_a_full_disk_fails_one_cell_and_leaves_nothing_half_written(world):
         "harness.cli.main",
         *EVAL,
         "--method",
-        "hull8,gt",
+        "coarse,gt",
         "--subjects",
         "t1",
     ]
@@ -87,7 +90,7 @@ def test_a_full_disk_fails_one_cell_and_leaves_nothing_half_written(world):
         command, cwd=world, capture_output=True, text=True, preexec_fn=small_disk, check=False
     )
     assert run.returncode == 1, run.stderr
-    hull = json.loads((world / "runs/main/hull8/t1/record.json").read_text())
+    hull = json.loads((world / "runs/main/coarse/t1/record.json").read_text())
     assert hull["status"] == "failed"
     assert "could not write" in hull["reason"]
     assert "mesh.ply" in hull["reason"]

@@ -16,6 +16,8 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
 from harness.pipeline.run import cell_worker, evaluate, plan
+from harness.pipeline.run.cell_job import CellJob
+from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.store import RunStore
 from methods.hull import VisualHull
 
@@ -37,13 +39,12 @@ class Told(Silent):
 def request(world: Path, method: str = "hull8", **more: object) -> plan.EvalRequest:
     manifest = load_manifest(world / "data_manifest.yaml")
     place = Workspace(world)
-    settings = {"voxel_m": "0.02"} if method == "hull8" else {}
+    settings = {"hull.voxel_m": "0.02"} if method == "hull8" else {}
     return plan.EvalRequest(
         source=Source.select(manifest, place, "toy", ("t1",), "tiny"),
-        methods=(method,),
+        methods=chosen_methods((method,), settings),
         protocol=manifest.protocol("mexecon"),
         store=RunStore(place.run("main")),
-        settings=settings,
         **more,
     )
 
@@ -109,6 +110,7 @@ def test_two_workspaces_that_never_agree_give_no_record_under_a_wrong_key(
     assert not outcome.record.metrics
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_scan_that_changes_between_plan_and_work(world, figure, monkeypatch):
     body = world / "scans/model/t1/body.npz"
     between_plan_and_work(monkeypatch, lambda: body.write_bytes(b"not a body"))
@@ -126,12 +128,8 @@ def job_of(world: Path, folder: Path) -> dict:
     asked = request(world)
     captures.render_all(asked.source, 1, Silent())
     (cell,) = plan.plan(asked)
-    return {
-        "source": asked.source.to_job(), "subject": "t1", "method": "hull8",
-        "settings": dict(asked.settings), "protocol": "mexecon", "seed": 0, "key": cell.key,
-        "inputs": json.loads(json.dumps(cell.inputs.to_dict())), "folder": str(folder),
-        "keep": False,
-    }  # fmt: skip
+    job = CellJob(asked.source, cell.method, asked.protocol, 0, cell.inputs, folder, keep=False)
+    return json.loads(json.dumps(job.to_dict()))
 
 
 def touch_capture(world: Path) -> None:
@@ -150,6 +148,7 @@ def other_scan(world: Path) -> None:
     path.write_text(f"{path.read_text()}\n")
 
 
+@pytest.mark.usefixtures("photographed")
 @pytest.mark.parametrize(
     ("act", "told"),
     [
@@ -180,10 +179,10 @@ def test_what_changes_while_a_method_works_is_noticed_at_its_end(
         assert "commit" in found["environment"], "the worker's own"
 
 
+@pytest.mark.usefixtures("photographed")
 def test_code_that_changes_meanwhile_is_noticed(world, tmp_path):
     job = job_of(world, tmp_path / "results")
     job["inputs"]["code"]["methods.hull"] = "0"
-    job["key"] = "another"
 
     found = cell_worker.handle(job, lambda *_: None)
 
@@ -204,6 +203,7 @@ def break_body(world: Path) -> None:
     (world / "scans/model/t1/body.npz").write_bytes(b"not a body")
 
 
+@pytest.mark.usefixtures("photographed")
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
@@ -231,6 +231,7 @@ def test_a_good_record_stays_when_something_else_fails(world, spoil, told):
     assert told in fresh.record.reason
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_failure_of_the_methods_own_replaces_a_stale_record(world):
     run(world)
     cell = world / "runs/main/hull8/t1"
@@ -244,6 +245,7 @@ def test_a_failure_of_the_methods_own_replaces_a_stale_record(world):
     assert run(world)[0].status == "ok"
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_killed_worker_leaves_a_good_record(world, monkeypatch):
     good, _ = run(world)
 
@@ -257,6 +259,7 @@ def test_a_killed_worker_leaves_a_good_record(world, monkeypatch):
     assert (kept.status, kept.record) == ("stale", good.record)
 
 
+@pytest.mark.usefixtures("measured")
 def test_a_missing_scan_is_one_failed_subject_of_many(world, eval_toy, harness):
     assert eval_toy("gt").returncode == 0
     shutil.rmtree(world / "scans/model/t2")
@@ -273,6 +276,7 @@ def test_a_missing_scan_is_one_failed_subject_of_many(world, eval_toy, harness):
     assert states == {"t1": "cached", "t2": "failed", "t3": "cached"}
 
 
+@pytest.mark.usefixtures("measured")
 def test_folder_scores_know_their_truth(world, harness, eval_toy):
     assert eval_toy("gt", "--subjects", "t1").returncode == 0
     folder = world / "mine"
@@ -296,8 +300,9 @@ def test_folder_scores_know_their_truth(world, harness, eval_toy):
     assert path.read_bytes() == good
 
 
+@pytest.mark.usefixtures("photographed")
 def test_figures_refuse_a_mesh_that_is_not_the_records(world, eval_toy, harness):
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.02").returncode == 0
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02").returncode == 0
     with (world / "runs/main/hull8/t1/mesh.ply").open("ab") as stream:
         stream.write(b" ")
     drawn = harness("report", "--figure", "overlay", "--subjects", "t1", "-o", "figure.png")

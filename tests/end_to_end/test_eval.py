@@ -17,7 +17,7 @@ def records(world: Path, run: str = "main") -> dict[str, dict]:
 
 
 def test_from_scans_to_tables(world, harness, eval_toy):
-    run = eval_toy("hull8,gt", "--jobs", "2")
+    run = eval_toy("coarse,gt", "--jobs", "2")
     assert run.returncode == 0, run.stderr
     assert "6 ok (0 cached)" in run.stdout
     # No terminal here: plain lines, on standard error alone.
@@ -25,7 +25,7 @@ def test_from_scans_to_tables(world, harness, eval_toy):
     assert told[:2] == ["photos: 0 of 24", "reconstructions: 0 of 6"]
     assert any(line.startswith("photos: 24 of 24, ") for line in told)
     assert told[-1].startswith("reconstructions: 6 of 6, ")
-    again = eval_toy("hull8,gt", "--json")
+    again = eval_toy("coarse,gt", "--json")
     assert json.loads(again.stdout)["cached"] == 6
     assert again.stderr == ""
 
@@ -33,7 +33,7 @@ def test_from_scans_to_tables(world, harness, eval_toy):
         harness("report", "--table", "geometry", "--format", "json", "--interval").stdout
     )
     rows = {row["method"]: row for row in table["rows"]}
-    assert set(rows) == {"hull8", "gt"}
+    assert set(rows) == {"coarse", "gt"}
     for row in rows.values():
         assert (row["n"], row["of"]) == (3, 3)
         for value in row["metrics"].values():
@@ -42,7 +42,7 @@ def test_from_scans_to_tables(world, harness, eval_toy):
     assert truth["p2s_accuracy"] == pytest.approx(0, abs=1e-3)
     assert truth["p2s_completeness"] == pytest.approx(0, abs=1e-3)
     assert truth["normal_error"] == pytest.approx(0, abs=1e-2)
-    hull = {name: value["mean"] for name, value in rows["hull8"]["metrics"].items()}
+    hull = {name: value["mean"] for name, value in rows["coarse"]["metrics"].items()}
     assert 1 < hull["p2s_accuracy"] < 40
     assert hull["chamfer"] > truth["chamfer"]
     (floor,) = [text for text in table["remarks"] if text.startswith("Sampling floor of Chamfer")]
@@ -52,12 +52,13 @@ def test_from_scans_to_tables(world, harness, eval_toy):
     assert "\\toprule" in latex
     assert "40.56" in latex
     cost = json.loads(harness("report", "--table", "cost", "--json").stdout)
-    assert {row["method"] for row in cost["rows"]} == {"hull8", "gt"}
+    assert {row["method"] for row in cost["rows"]} == {"coarse", "gt"}
     figure = harness("report", "--figure", "qualitative", "-o", "figure.png")
     assert figure.returncode == 0, figure.stderr
     assert (world / "figure.png").stat().st_size > 10_000
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_second_run_does_nothing_and_a_change_says_why(world, eval_toy):
     first = eval_toy("gt", "--subjects", "t1")
     assert first.returncode == 0, first.stderr
@@ -73,6 +74,7 @@ def test_a_second_run_does_nothing_and_a_change_says_why(world, eval_toy):
     assert "photos stale: changed: recipe width 108 -> 100" in eval_toy("gt", "--dry-run").stdout
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harness):
     texture = world / "scans/model/t2/material0.jpeg"
     kept = texture.read_bytes()
@@ -92,17 +94,19 @@ def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harne
     assert "(2 cached)" in again.stdout
 
 
+@pytest.mark.usefixtures("photographed")
 def test_settings_are_part_of_the_key(world, eval_toy):
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.02").returncode == 0
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02").returncode == 0
     coarse = records(world)["hull8/t1"]
-    assert coarse["method"]["parameters"]["voxel_m"] == 0.02
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.03").returncode == 0
+    assert coarse["method"]["parameters"]["hull"]["voxel_m"] == 0.02
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.03").returncode == 0
     assert records(world)["hull8/t1"]["key"] != coarse["key"]
-    wrong = eval_toy("hull8", "--set", "voxel=1")
+    wrong = eval_toy("hull8", "--set", "hull.voxel=1")
     assert wrong.returncode == 2
-    assert "Did you mean 'voxel_m'?" in wrong.stderr
+    assert "Did you mean 'hull.voxel_m'?" in wrong.stderr
 
 
+@pytest.mark.usefixtures("measured")
 def test_meshes_made_elsewhere(world, harness, eval_toy):
     assert eval_toy("gt", "--subjects", "t1,t2").returncode == 0
     folder = world / "mine"
@@ -133,12 +137,13 @@ def test_score_pair_prints_json(world, harness):
     assert (world / "p.npz").is_file()
 
 
+@pytest.mark.usefixtures("photographed")
 def test_check_finds_what_moved(world, harness, eval_toy):
     assert eval_toy("gt,hull8", "--subjects", "t1").returncode == 0
     assert harness("check", "baseline.json", "--update").returncode == 0
     same = harness("check", "baseline.json")
     assert same.returncode == 0, same.stdout
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "voxel_m=0.03").returncode == 0
+    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.03").returncode == 0
     moved = harness("check", "baseline.json", "--summary", "summary.md")
     assert moved.returncode == 1
     assert "hull8" in moved.stdout

@@ -3,22 +3,72 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 import pytest
 
-pytestmark = pytest.mark.slow
+#: The undisturbed runs that all are compared with are made once, in one process.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("killed runs")]
 
 COMMAND = [sys.executable, "-m", "harness.cli.main", "eval", "--dataset", "toy", "--recipe", "tiny",
-           "--method", "hull8,gt", "--jobs", "2"]  # fmt: skip
+           "--method", "coarse,gt", "--jobs", "2"]  # fmt: skip
+SHORT = [*COMMAND, "--subjects", "t1,t2"]
 KILLS = 10
+
+#: Ten moments at which runs are stopped, in shares of the time that an undisturbed one takes. Each
+#: run goes on from what the one before it left, and the last of a row is followed by a whole one.
+ROWS = ((0.03, 0.2, 0.5, 0.5), (0.1, 0.38, 0.42), (0.3, 0.65, 0.3))
+MOMENTS = sum(map(len, ROWS))
+
+
+@dataclass(frozen=True)
+class Calm:
+    """What undisturbed runs gave, and how long they took.
+
+    Attributes:
+        records: Of all three subjects.
+        short_s: Seconds of ``SHORT``.
+        whole_s: Seconds of ``COMMAND``.
+    """
+
+    records: dict[str, object]
+    short_s: float
+    whole_s: float
+
+    @property
+    def short(self) -> dict[str, object]:
+        """The records of ``SHORT``."""
+        return {name: record for name, record in self.records.items() if "/t3/" not in name}
+
+
+@pytest.fixture(scope="module")
+def calm(
+    make_world: Callable[[Path], Path],
+    coarse_package: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Calm:
+    """An undisturbed run of two subjects, continued by one of all."""
+    place = make_world(tmp_path_factory.mktemp("calm"))
+    seconds = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(coarse_package), prepend=os.pathsep)
+        for command in (SHORT, COMMAND):
+            begin = time.monotonic()
+            subprocess.run(command, cwd=place, check=True, capture_output=True, timeout=300)
+            seconds.append(time.monotonic() - begin)
+    records = timeless(place)
+    assert len(records) == 6
+    return Calm(records, seconds[0], sum(seconds))
 
 
 def timeless(world: Path) -> dict[str, object]:
@@ -34,30 +84,26 @@ def timeless(world: Path) -> dict[str, object]:
     return found
 
 
-def reference(world: Path) -> dict[str, object]:
-    """The records of an undisturbed run in a copy of the world."""
-    calm = world.with_name(f"{world.name}-calm")
-    shutil.copytree(world, calm)
-    subprocess.run(COMMAND, cwd=calm, check=True, capture_output=True, timeout=300)
-    return timeless(calm)
+def half_written(world: Path) -> list[Path]:
+    """Files and folders that were begun and never finished."""
+    return [path for path in world.rglob("*.part*") if path.name.startswith(".")]
 
 
-def test_killed_at_ten_random_moments(world):
+def test_killed_at_ten_random_moments(world, calm):
     dice = random.Random(7)
     for _ in range(KILLS):
         run = subprocess.Popen(
             COMMAND, cwd=world, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
         )
-        time.sleep(dice.uniform(0.3, 6.0))
+        time.sleep(dice.uniform(0.02, 0.4) * calm.whole_s)
         run.kill()
         run.wait()
     subprocess.run(COMMAND, cwd=world, check=True, capture_output=True, timeout=300)
-    assert timeless(world) == reference(world)
-    leftovers = [path for path in world.rglob("*.part*") if path.name.startswith(".")]
-    assert not leftovers
+    assert timeless(world) == calm.records
+    assert not half_written(world)
 
 
-def test_two_runs_at_once(world):
+def test_two_runs_at_once(world, calm):
     runs = [
         subprocess.Popen(
             COMMAND, cwd=world, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -67,11 +113,7 @@ def test_two_runs_at_once(world):
     for run in runs:
         _, errors = run.communicate(timeout=300)
         assert run.returncode == 0, errors
-    assert timeless(world) == reference(world)
-
-
-SHORT = [*COMMAND, "--subjects", "t1,t2"]
-MOMENTS = 10
+    assert timeless(world) == calm.records
 
 
 def shell_code(status: int) -> int:
@@ -93,44 +135,48 @@ def interrupted(world: Path, number: signal.Signals, seconds: float) -> tuple[in
     return shell_code(run.returncode), errors
 
 
-def test_ctrl_c_at_ten_moments(world):
-    calm = world.with_name(f"{world.name}-calm")
-    shutil.copytree(world, calm)
-    begin = time.monotonic()
-    subprocess.run(SHORT, cwd=calm, check=True, capture_output=True, timeout=300)
-    seconds = time.monotonic() - begin
+def test_ctrl_c_at_ten_moments(tmp_path, make_world, calm):
     codes, unfinished = [], 0
-    for moment in range(MOMENTS):
-        place = world.with_name(f"{world.name}-{moment}")
-        shutil.copytree(world, place)
-        code, errors = interrupted(place, signal.SIGINT, seconds * (moment + 0.5) / MOMENTS)
-        codes.append(code)
-        found = timeless(place)
-        unfinished += len(found) < 4
-        assert {record["status"] for record in found.values()} <= {"ok"}, errors
-        if code == 130 and "harness:" in errors:
-            assert errors.rstrip().splitlines()[-1] == (
-                "harness: stopped by SIGINT; what is finished is kept, and the same command "
-                "continues"
-            )
-            assert "Traceback" not in errors
+    for number, row in enumerate(ROWS):
+        place = make_world(made(tmp_path / f"row-{number}"))
+        for share in row:
+            code, errors = interrupted(place, signal.SIGINT, share * calm.short_s)
+            codes.append(code)
+            found = timeless(place)
+            unfinished += len(found) < 4
+            assert {record["status"] for record in found.values()} <= {"ok"}, errors
+            if code == 130 and "harness:" in errors:
+                assert errors.rstrip().splitlines()[-1] == (
+                    "harness: stopped by SIGINT; what is finished is kept, and the same command "
+                    "continues"
+                )
+                assert "Traceback" not in errors
+            if code == 0:
+                # It came to its end before the moment: the next one has all its work to do.
+                assert found == calm.short
+                place = make_world(made(tmp_path / f"row-{number}-after-{share}"))
         subprocess.run(SHORT, cwd=place, check=True, capture_output=True, timeout=300)
-        assert timeless(place) == timeless(calm)
-        leftovers = [path for path in place.rglob("*.part*") if path.name.startswith(".")]
-        assert not [*leftovers, *place.rglob(".attempt")]
-        shutil.rmtree(place)
-    # The last moments may come after the end, on a machine that has become faster.
+        assert timeless(place) == calm.short
+        assert not [*half_written(place), *place.rglob(".attempt")]
+    assert len(codes) == 10
+    # Runs may come to their end before the moment, on a machine that has become faster.
     assert set(codes) <= {0, 130}
     assert codes.count(130) >= MOMENTS - 3
     assert unfinished >= MOMENTS - 4
 
 
-def test_sigterm_says_143(world):
+def made(folder: Path) -> Path:
+    """The folder, which was not there before."""
+    folder.mkdir()
+    return folder
+
+
+def test_sigterm_says_143(world, calm):
     (world / "runs").mkdir()
     code, errors = 143, ""
-    for seconds in (4.0, 2.0, 1.0):
+    for share in (0.5, 0.25, 0.12):
         shutil.rmtree(world / "runs")
-        code, errors = interrupted(world, signal.SIGTERM, seconds)
+        code, errors = interrupted(world, signal.SIGTERM, share * calm.short_s)
         if code:
             break
     assert code == 143

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -48,9 +49,10 @@ def plugin(tmp_path_factory, monkeypatch):
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: peeking\nVersion: 1\n")
     (about / "entry_points.txt").write_text("[harness.methods]\npeeking = peeking:peeking\n")
-    monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
 
 
+@pytest.mark.usefixtures("photographed")
 @pytest.mark.slow
 @pytest.mark.usefixtures("plugin")
 def test_from_maps_to_a_table_and_a_figure(world, eval_toy, harness):
@@ -79,6 +81,7 @@ def test_from_maps_to_a_table_and_a_figure(world, eval_toy, harness):
     assert (world / "normals.png").stat().st_size > 10_000
 
 
+@pytest.mark.usefixtures("measured")
 @pytest.mark.slow
 def test_without_maps_the_table_and_the_figure_say_so(eval_toy, harness):
     assert eval_toy("gt", "--subjects", "t1").returncode == 0

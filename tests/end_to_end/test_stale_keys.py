@@ -51,7 +51,7 @@ def plan(world: Path, source: Path) -> Callable[..., str]:
     def evaluate(*, run: bool = False) -> str:
         command = [
             sys.executable, "-m", "harness.cli.main", "eval", "--dataset", "toy", "--recipe",
-            "tiny", "--method", "hull8", "--subjects", "t1", "--set", "voxel_m=0.02",
+            "tiny", "--method", "hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02",
             *([] if run else ["--dry-run"]),
         ]  # fmt: skip
         done = subprocess.run(
@@ -63,6 +63,7 @@ def plan(world: Path, source: Path) -> Callable[..., str]:
     return evaluate
 
 
+@pytest.mark.usefixtures("photographed")
 def test_a_line_in_a_used_module_and_in_an_unused_one(source, plan):
     plan(run=True)
     assert "cached" in plan()

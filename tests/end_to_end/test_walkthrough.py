@@ -18,6 +18,7 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 from harness.data.manifest import load_manifest
+from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.progress import Silent
@@ -30,14 +31,14 @@ import harness.core.process.workers, importlib
 # The workers' steps in this process, so that the modules that they load can be seen.
 def here(module, job, **_):
     return importlib.import_module(module).handle(job, lambda done, total: None)
-for user in ("captures", "evaluate"):
+for user in ("inputs.captures", "run.evaluate"):
     importlib.import_module(f"harness.pipeline.{user}").run_worker = here
 
 manifest = load_manifest()
 workspace = Workspace(Path.cwd())
 request = EvalRequest(
     source=Source.select(manifest, workspace, "toy-one", (), "tiny"),
-    methods=("hull8",),
+    methods=chosen_methods(("hull8",), {}),
     protocol=manifest.protocol("mexecon"),
     store=RunStore(workspace.run("main")),
 )

@@ -89,7 +89,7 @@ def test_every_number_of_a_score_is_finite_and_in_range(seed):
     assert values["normal_error"] <= 180
     # A sample is never nearer than the surface that it lies on.
     assert values["chamfer"] >= (values["p2s_accuracy"] + values["p2s_completeness"]) / 2 - 1e-3
-    assert values["p2s_accuracy"] <= result.diagnostics["predicted_to_truth"]["max_sampled_mm"]
+    assert values["p2s_accuracy"] <= result.diagnostics.predicted_to_truth.max_sampled_mm
 
 
 @given(SEEDS)
@@ -115,11 +115,12 @@ def test_angles_ignore_length_and_order_and_complete_each_other(seed, length):
 def test_f_scores_are_shares_that_grow_with_the_threshold(accuracy, completeness):
     found = [f_scores(accuracy, completeness)[f"{t}_mm"] for t in (5, 10, 20, 50)]
     for entry in found:
-        low, high = sorted((entry["precision"], entry["recall"]))
-        assert 0 <= low <= entry["f"] + 1e-12
-        assert entry["f"] <= high + 1e-12 <= 1 + 1e-12 or low == 0
+        low, high = sorted((entry.precision, entry.recall))
+        assert 0 <= low <= entry.f + 1e-12
+        assert entry.f <= high + 1e-12 <= 1 + 1e-12 or low == 0
     for name in ("precision", "recall", "f"):
-        assert [entry[name] for entry in found] == sorted(entry[name] for entry in found)
+        shares = [getattr(entry, name) for entry in found]
+        assert shares == sorted(shares)
 
 
 @given(DISTANCES, FINITE, st.sampled_from(["independent", "stratified"]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,28 +9,43 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Json, Run, WorkspacePath, split_names
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run.store import RunStore
+from reports.regression.baseline import Baseline, with_spread
+from reports.regression.baseline import update as new_baseline
+from reports.regression.compare import compare, to_markdown, to_text
 
-__all__ = ["check"]
+__all__ = ["app"]
+
+app = verb_group("check")
 
 
+@app.command()
 def check(
-    baseline: Annotated[Path, typer.Argument(help="The stored numbers.")],
+    baseline: Annotated[
+        Path, typer.Argument(metavar="BASELINE", help="File with the stored numbers.")
+    ],
     run: Run = None,
     update: Annotated[
-        bool, typer.Option("--update", help="Write the present numbers as the baseline.")
+        bool,
+        typer.Option("--update", help="Write the run's numbers to BASELINE instead of comparing."),
     ] = False,
     spread: Annotated[
         str,
         typer.Option(
             "--spread",
-            help="With --update: other runs of the same cells, comma-separated; tolerances become "
-            "twice their largest difference.",
+            metavar="RUNS",
+            help="With --update: other runs of the same methods and subjects, comma-separated; "
+            "twice the largest difference between the runs becomes the tolerance.",
         ),
     ] = "",
     summary: Annotated[
         Path | None,
         typer.Option(
             "--summary",
+            metavar="FILE",
             help="Append the outcome to this Markdown file.",
             envvar="GITHUB_STEP_SUMMARY",
         ),
@@ -39,13 +53,11 @@ def check(
     workspace: WorkspacePath = None,
     as_json: Json = False,
 ) -> None:
-    """Compare a run with a baseline; exit 1 when a number moved or a method is unguarded."""
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.run.store import RunStore
-    from reports.regression.baseline import Baseline, with_spread
-    from reports.regression.baseline import update as new_baseline
-    from reports.regression.compare import compare, to_markdown, to_text
+    """Compare the numbers of a run with a stored baseline.
 
+    The exit code is 1 when a number moved by more than its tolerance, or when a method of the run
+    has no stored numbers.
+    """
     place = Workspace.default(workspace)
     records = RunStore.existing(place, run).records()
     if update:
@@ -60,7 +72,7 @@ def check(
         with summary.open("a", encoding="utf-8") as stream:
             stream.write(to_markdown(comparison))
     if as_json:
-        print(json.dumps({"passed": comparison.passed, **asdict(comparison)}, indent=2))
+        print_json({"passed": comparison.passed, **asdict(comparison)})
     else:
         print(to_text(comparison), end="")
     if not comparison.passed:

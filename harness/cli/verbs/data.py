@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from harness.cli.display import shown_progress
 from harness.cli.options import (
     Dataset,
     Jobs,
@@ -18,27 +18,32 @@ from harness.cli.options import (
     WorkspacePath,
     split_names,
 )  # fmt: skip
+from harness.cli.output import print_json, print_outcomes
+from harness.cli.verb_list import verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.captures import make_avatars, show_avatar
+from harness.pipeline.inputs.inventory import check_tree, overview
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
 
 __all__ = ["app"]
 
-app = typer.Typer(
-    help="List, check and make the data.", no_args_is_help=True, rich_markup_mode=None
-)
+app = verb_group("data")
 _MARKS = {"present": "ok", "missing": "MISSING", "corrupt": "CORRUPT"}
+
+DatasetName = Annotated[
+    str, typer.Argument(metavar="DATASET", help="Dataset or split, as in the manifest.")
+]
 
 
 @app.command("list")
 def list_datasets(
     workspace: WorkspacePath = None, manifest: ManifestPath = None, as_json: Json = False
 ) -> None:
-    """Datasets, splits, recipes and protocols of the manifest."""
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.inventory import overview
-    from harness.pipeline.inputs.workspace import Workspace
-
+    """List the datasets, splits, recipes and protocols of the manifest."""
     listing = overview(load_manifest(manifest), Workspace.default(workspace))
     if as_json:
-        print(json.dumps(listing, indent=2))
+        print_json(listing)
         return
     for kind, entries in listing.items():
         print(f"{kind}:")
@@ -48,28 +53,26 @@ def list_datasets(
 
 @app.command("check")
 def check_dataset(
-    dataset: str,
+    dataset: DatasetName,
     subjects: Subjects = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """The expected tree of a dataset, with what is present, missing or corrupt."""
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.inventory import check_tree
-    from harness.pipeline.inputs.workspace import Workspace
+    """List the files that a dataset needs, and which of them are present, missing or corrupt.
 
+    The exit code is 1 when a file is missing or corrupt.
+    """
     tree = check_tree(
         load_manifest(manifest), Workspace.default(workspace), dataset, split_names(subjects)
     )
     if as_json:
-        print(json.dumps(tree.to_dict(), indent=2))
+        print_json(tree.to_dict())
     else:
         print(tree.heading)
         for entry in tree.files:
-            print(
-                f"  {_MARKS[entry.state]:8} {entry.path}{f'   {entry.note}' if entry.note else ''}"
-            )
+            note = f"   {entry.note}" if entry.note else ""
+            print(f"  {_MARKS[entry.state]:8} {entry.path}{note}")
         print(tree.summary)
     if not tree.complete:
         raise typer.Exit(1)
@@ -77,52 +80,40 @@ def check_dataset(
 
 @app.command("show")
 def show(
-    subject: str,
+    subject: Annotated[
+        str, typer.Argument(metavar="SUBJECT", help="Id of a generated subject, such as a01.")
+    ],
     dataset: Dataset = "avatars",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The PNG. Default: SUBJECT.png.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="PNG file to write. Default: SUBJECT.png."
+        ),
     ] = None,
     reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
 ) -> None:
-    """A contact sheet of a generated subject: eight views, bare geometry, the body underneath."""
-    from harness.cli.display import Bars
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.captures import show_avatar
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
-
+    """Draw a generated subject: eight views, its bare geometry, and the body under the clothes."""
     checked = load_manifest(manifest)
     recipe = next(iter(checked.recipes))
     source = Source.select(checked, Workspace.default(workspace), dataset, (subject,), recipe)
-    print(show_avatar(source, output or Path(f"{subject}.png"), Bars(), reason))
+    print(show_avatar(source, output or Path(f"{subject}.png"), shown_progress(), reason))
 
 
 @app.command("make")
 def make(
-    dataset: str,
+    dataset: DatasetName,
     subjects: Subjects = "",
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Make a generated dataset; what is there and current is kept."""
-    from harness.cli.display import Bars, tell
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.captures import make_avatars
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
-
+    """Make the subjects of a generated dataset; those that are there and current are kept."""
     checked = load_manifest(manifest)
-    source = Source.select(
-        checked,
-        Workspace.default(workspace),
-        dataset,
-        split_names(subjects),
-        next(iter(checked.recipes)),
-    )
-    with Bars(quiet=as_json) as bars:
-        outcomes = make_avatars(source, jobs, bars)
-    tell(outcomes, as_json=as_json)
+    place, recipe = Workspace.default(workspace), next(iter(checked.recipes))
+    source = Source.select(checked, place, dataset, split_names(subjects), recipe)
+    with shown_progress(quiet=as_json) as progress:
+        outcomes = make_avatars(source, jobs, progress)
+    print_outcomes(outcomes, as_json=as_json)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from harness.cli.display import shown_progress
 from harness.cli.options import (
     Dataset,
     Jobs,
@@ -23,60 +23,83 @@ from harness.cli.options import (
     parsed_settings,
     split_names,
 )  # fmt: skip
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.sealed import announce
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run.chosen_method import chosen_methods
+from harness.pipeline.run.evaluate import evaluate as carry_out
+from harness.pipeline.run.plan import EvalRequest, plan
+from harness.pipeline.run.store import RunStore
 
-if TYPE_CHECKING:
-    from harness.pipeline.run.plan import EvalRequest
+__all__ = ["app"]
 
-__all__ = ["evaluate"]
+app = verb_group("eval")
+
+Methods = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="NAMES",
+        help="Methods to run, comma-separated; 'harness methods list' names them.",
+    ),
+]
+NewRun = Annotated[
+    str, typer.Option("--run", metavar="NAME", help="Folder below runs/ for the results.")
+]
+Keep = Annotated[
+    bool,
+    typer.Option(
+        "--keep",
+        help="Keep the intermediate results of methods: normal maps, partial surfaces, and a "
+        "contact sheet of the stages.",
+    ),
+]
 
 
+@app.command()
 def evaluate(
-    method: Annotated[str, typer.Option("--method", help="Methods, comma-separated.")],
+    method: Methods,
     dataset: Dataset = "avatars",
     subjects: Subjects = "",
     recipe: Recipe = "paper8",
     protocol: Protocol = "mexecon",
-    run: Annotated[str, typer.Option("--run", help="Run folder.")] = "main",
+    run: NewRun = "main",
     settings: Set = None,
-    seed: Annotated[int, typer.Option("--seed", help="Root of all randomness.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
+    ] = 0,
     jobs: Jobs = 1,
-    keep: Annotated[
-        bool,
-        typer.Option(
-            "--keep",
-            help="Keep intermediate results: normal maps, sheets, a contact sheet of the stages.",
-        ),
-    ] = False,
+    keep: Keep = False,
     reason: Reason = "",
     timeout: Timeout = 3600.0,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would run.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only show what would run, and why.")
+    ] = False,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Render what is missing, reconstruct, score and file records; resume is the default.
+    """Run methods on subjects and score what they make.
 
-    A record is made again when anything that its numbers depend on changed: photos, scan, true
-    body and labels, the code that is really used, the packages that it imports, settings, protocol
-    or seed; --dry-run says what. A failure that is not the method's never replaces a good record.
-    Ctrl-C stops at once and files nothing half done (exit code 130).
+    Missing photos are made first. Results that are there and current are kept, so the same command
+    continues a run that was stopped. A result is current until something changes that its numbers
+    depend on: photos, scan, true body and labels, the code that is really used, the packages that
+    this code imports, settings, protocol or seed. --dry-run says what has changed. A good result is
+    never replaced because of a failure that is not the method's. Ctrl-C stops at once and leaves
+    nothing half done (exit code 130). The exit code is 1 when a subject failed.
     """
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.run.plan import EvalRequest
-    from harness.pipeline.run.store import RunStore
-
     checked = load_manifest(manifest)
     place = Workspace.default(workspace)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=split_names(method),
+        methods=chosen_methods(split_names(method), parsed_settings(settings)),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),
         seed=seed,
         jobs=jobs,
-        settings=parsed_settings(settings),
         keep=keep,
         reason=reason,
         timeout_s=limit_s(timeout),
@@ -88,40 +111,25 @@ def evaluate(
 
 
 def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
-    from harness.cli.display import Bars
-    from harness.pipeline.inputs.sealed import announce
-    from harness.pipeline.run.plan import plan
-
-    announce(request.source.manifest, request.source.name, Bars())
+    announce(request.source.manifest, request.source.name, shown_progress())
     cells = plan(request)
     if as_json:
-        print(json.dumps([cell.to_dict() for cell in cells], indent=2))
+        print_json([cell.to_dict() for cell in cells])
         return
     for cell in cells:
-        print(f"{cell.method:16} {cell.subject:10} {cell.state:7} {cell.why}")
+        print(f"{cell.method.name:16} {cell.subject:10} {cell.state:7} {cell.why}")
     waiting = sum(cell.state == "run" for cell in cells)
     print(f"{waiting} of {len(cells)} cells would run")
 
 
 def _run(request: EvalRequest, *, as_json: bool) -> None:
-    from harness.cli.display import Bars
-    from harness.pipeline.run.evaluate import evaluate as carry_out
-
-    with Bars(quiet=as_json) as bars:
-        summary = carry_out(request, bars)
-    counts = dict(summary.counts)
+    with shown_progress(quiet=as_json) as progress:
+        summary = carry_out(request, progress)
     if as_json:
-        document = {"run": str(request.store.directory), "counts": counts, "cached": summary.cached}
-        document["records"] = [record.to_dict() for record in summary.records]
-        document["stale"] = [
-            {"method": kept.record.method_name, "subject": kept.record.subject, "why": kept.kept}
-            for kept in summary.outcomes
-            if kept.kept
-        ]
-        print(json.dumps(document, indent=2))
+        print_json({"run": str(request.store.directory), **summary.to_dict()})
     else:
-        told = ", ".join(f"{number} {status}" for status, number in counts.items())
-        print(f"{told} ({summary.cached} cached) in {request.store.directory}")
+        counts = ", ".join(f"{number} {status}" for status, number in summary.counts.items())
+        print(f"{counts} ({summary.cached} cached) in {request.store.directory}")
         print(f"Next: harness report --table geometry --run {request.store.directory.name}")
-    if counts.get("ok", 0) < len(summary.records):
+    if not summary.all_ok:
         raise typer.Exit(1)

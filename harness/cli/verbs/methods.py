@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from harness.cli.options import Json, Set, parsed_settings
+from harness.cli.output import deliver, print_json
+from harness.cli.verb_list import verb_group
+from harness.pipeline.report.method_pages import markdown_pages, text_page
+from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods
 
 __all__ = ["app"]
 
-app = typer.Typer(
-    help="List methods, and show one with its views, parts, privileges, settings and deviations.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+app = verb_group("methods")
 
 
 @app.command("list")
 def list_methods(as_json: Json = False) -> None:
     """List every method with its title, how many views it uses, and what it is given."""
-    from harness.pipeline.report.method_pages import described, known_methods
-
-    infos, failures = described(known_methods())
+    catalogued = catalogued_methods()
+    infos = {method.name: method.info for method in catalogued.usable}
+    failures = {name: str(error) for name, error in catalogued.failures.items()}
     if as_json:
         found = {name: info.to_dict() for name, info in infos.items()}
-        print(json.dumps({"methods": found, "unusable": failures}, indent=2))
+        print_json({"methods": found, "unusable": failures})
         return
     for name, info in infos.items():
         count = "all" if info.views is None else str(len(info.views))
@@ -39,31 +38,31 @@ def list_methods(as_json: Json = False) -> None:
 
 @app.command("show")
 def show(
-    name: Annotated[str, typer.Argument(help="A method's name.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="METHOD", help="Name of a method; 'harness methods list' names them."
+        ),
+    ],
     settings: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Show one method: views, parts, privileges, settings, and every deviation from print."""
-    from harness.pipeline.report.method_pages import text_page
-    from harness.pipeline.run.plan import resolve_method
-
-    info = resolve_method(name, parsed_settings(settings)).info
-    print(json.dumps(info.to_dict(), indent=2) if as_json else text_page(info))
+    """Show a method's views, parts, privileges and settings, and how it differs from its paper."""
+    info = ChosenMethod.of(name, parsed_settings(settings)).info
+    if as_json:
+        print_json(info.to_dict())
+    else:
+        print(text_page(info))
 
 
 @app.command("docs")
 def docs(
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Markdown file. Default: print it.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Markdown file to write. Default: print it."
+        ),
     ] = None,
 ) -> None:
-    """Write the documentation page of all methods as Markdown."""
-    from harness.core.files.atomic import write_text
-    from harness.pipeline.report.method_pages import described, known_methods, markdown_pages
-
-    infos, _ = described(known_methods())
-    page = markdown_pages(infos)
-    if output is None:
-        print(page, end="")
-    else:
-        write_text(output, page)
+    """Write one Markdown page that describes all methods."""
+    deliver(markdown_pages([method.info for method in catalogued_methods().usable]), output)

@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
-import json
-
 import typer
 
+from harness.cli.display import shown_progress
 from harness.cli.options import Jobs, Json, ManifestPath, WorkspacePath
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.quickstart import quickstart as carry_out
 
-__all__ = ["quickstart"]
+__all__ = ["app"]
+
+app = verb_group("quickstart")
 
 
+@app.command()
 def quickstart(
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
-    """Two avatars, eight photos each, every method, the tables. Some minutes."""
-    from harness.cli.display import Bars
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.quickstart import quickstart as carry_out
+    """Make two avatars, run every method, and print the tables.
 
-    with Bars(quiet=as_json) as bars:
-        result = carry_out(load_manifest(manifest), Workspace.default(workspace), bars, jobs)
+    Each avatar is photographed from eight sides. It takes some minutes; the same command continues
+    after a stop.
+    """
+    with shown_progress(quiet=as_json) as progress:
+        result = carry_out(load_manifest(manifest), Workspace.default(workspace), progress, jobs)
     if as_json:
         files = [str(path) for path in result.files]
-        print(json.dumps({"counts": dict(result.summary.counts), "files": files}, indent=2))
+        print_json({"counts": dict(result.summary.counts), "files": files})
     else:
         for table in result.tables:
             print(f"\n{table}")
@@ -36,5 +42,5 @@ def quickstart(
         print("Written:")
         for path in result.files:
             print(f"  {path}")
-    if result.summary.counts.get("ok", 0) < len(result.summary.records):
+    if not result.summary.all_ok:
         raise typer.Exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from harness.cli.display import shown_progress
 from harness.cli.options import (
     Dataset,
     Jobs,
@@ -14,10 +15,19 @@ from harness.cli.options import (
     limit_s,
     split_names,
 )  # fmt: skip
+from harness.cli.output import print_outcomes
+from harness.cli.verb_list import verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.captures import render_all
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["render"]
+__all__ = ["app"]
+
+app = verb_group("render")
 
 
+@app.command()
 def render(
     dataset: Dataset = "avatars",
     subjects: Subjects = "",
@@ -28,20 +38,13 @@ def render(
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Render calibrated RGBA photos of subjects; what is there and current is kept."""
-    from harness.cli.display import Bars, tell
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.captures import render_all
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
+    """Render calibrated photos of subjects.
 
-    source = Source.select(
-        load_manifest(manifest),
-        Workspace.default(workspace),
-        dataset,
-        split_names(subjects),
-        recipe,
-    )
-    with Bars(quiet=as_json) as bars:
-        outcomes = render_all(source, jobs, bars, limit_s(timeout))
-    tell(outcomes, as_json=as_json)
+    Photos are RGBA files beside a file with their cameras; photos that are there and current are
+    kept. The exit code is 1 when a subject failed.
+    """
+    checked, place = load_manifest(manifest), Workspace.default(workspace)
+    source = Source.select(checked, place, dataset, split_names(subjects), recipe)
+    with shown_progress(quiet=as_json) as progress:
+        outcomes = render_all(source, jobs, progress, limit_s(timeout))
+    print_outcomes(outcomes, as_json=as_json)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from harness.cli.display import shown_progress
 from harness.cli.options import (
     Json,
     ManifestPath,
@@ -16,69 +17,110 @@ from harness.cli.options import (
     WorkspacePath,
     split_names,
 )
-from harness.core.errors import HarnessError, did_you_mean
+from harness.cli.output import deliver
+from harness.cli.verb_list import verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.report.figure_request import FigureRequest, draw_figure
+from harness.pipeline.report.figures import FIGURES
+from harness.pipeline.report.tables import (
+    FORMATS,
+    PUBLISHED_TABLE,
+    TABLES,
+    ReportRequest,
+    build_published,
+    build_table,
+)
+from harness.pipeline.run.store import RunStore
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+__all__ = ["app"]
 
-    from harness.core.records import Record
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.report.tables import ReportRequest
-    from harness.pipeline.run.store import RunStore
+app = verb_group("report")
 
-__all__ = ["report"]
+TableName = Annotated[
+    str,
+    typer.Option(
+        "--table",
+        metavar="NAME",
+        help=f"Table to print: {', '.join(TABLES)}; or {PUBLISHED_TABLE}, the results that "
+        "the paper's authors released, which needs no run.",
+    ),
+]
+Format = Annotated[
+    str, typer.Option("--format", metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.")
+]
+Methods = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="NAMES",
+        help="Methods to show, comma-separated, in this order. Default: all.",
+    ),
+]
+Interval = Annotated[
+    bool,
+    typer.Option("--interval", help="Show a 95 % interval of each mean (bootstrap over subjects)."),
+]
+Published = Annotated[
+    bool,
+    typer.Option("--published", help="Show the numbers printed in the paper below the run's own."),
+]
+Paired = Annotated[
+    bool,
+    typer.Option(
+        "--paired",
+        help=f"With --table {PUBLISHED_TABLE}: show differences between methods on the same "
+        "subjects.",
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="File to write. Default: print a table; write a figure into the run's folder.",
+    ),
+]
+Figure = Annotated[
+    str,
+    typer.Option(
+        "--figure",
+        metavar="NAME",
+        help=f"Draw a figure instead of a table: {', '.join(FIGURES)}.",
+    ),
+]
 
 
+@app.command()
 def report(
-    table: Annotated[
-        str,
-        typer.Option("--table", help="geometry, paired, cost, jmbo, regions, normals, published."),
-    ] = "geometry",
-    form: Annotated[
-        str, typer.Option("--format", help="markdown, latex, csv or json.")
-    ] = "markdown",
+    table: TableName = "geometry",
+    form: Format = "markdown",
     run: Run = None,
-    method: Annotated[
-        str, typer.Option("--method", help="These methods, in this order. Default: all.")
-    ] = "",
+    method: Methods = "",
     subjects: Subjects = "",
-    interval: Annotated[
-        bool, typer.Option("--interval", help="Bootstrap 95 % interval over subjects.")
-    ] = False,
-    published: Annotated[
-        bool, typer.Option("--published", help="The paper's own numbers, as a marked block.")
-    ] = False,
-    paired: Annotated[
-        bool, typer.Option("--paired", help="With --table published: differences by subject.")
-    ] = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write to this file.")
-    ] = None,
-    figure: Annotated[
-        str,
-        typer.Option(
-            "--figure", help="A figure instead: qualitative, overlay, bodies, failures or normals."
-        ),
-    ] = "",
+    interval: Interval = False,
+    published: Published = False,
+    paired: Paired = False,
+    output: Output = None,
+    figure: Figure = "",
     reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Print a table of a run's records or of the published results, or draw a figure of a run."""
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.report.tables import ReportRequest, in_order
-    from harness.pipeline.run.store import RunStore
-
+    """Print a table of a run, or draw a figure of it."""
     place = Workspace.default(workspace)
     if figure:
-        store = RunStore.existing(place, run)
-        draw = _figure(figure)
-        records = in_order(store.records(), split_names(method))
-        source = _source(store, records, place, manifest, split_names(subjects))
-        _admit(figure, source, records, reason)
-        print(draw(store, source, records, output or store.directory / f"{figure}.png"))
+        drawing = FigureRequest(
+            name=figure,
+            store=RunStore.existing(place, run),
+            methods=split_names(method),
+            subjects=split_names(subjects),
+            reason=reason,
+            output=output,
+        )
+        print(draw_figure(drawing, load_manifest(manifest), place, shown_progress()))
         return
     request = ReportRequest(
         table=table,
@@ -89,64 +131,8 @@ def report(
         published=published,
         paired=paired,
     )
-    _deliver(_text(request, place, run), output)
-
-
-def _text(request: ReportRequest, place: Workspace, run: str | None) -> str:
-    """The table; only the published one needs no run."""
-    from harness.pipeline.report.tables import PUBLISHED_TABLE, build_published, build_table
-    from harness.pipeline.run.store import RunStore
-
-    if request.table == PUBLISHED_TABLE:
-        return build_published(request)
-    return build_table(RunStore.existing(place, run).records(), request)
-
-
-def _deliver(text: str, output: Path | None) -> None:
-    """Print the text, or write it and print the file's name."""
-    from harness.core.files.atomic import write_text
-
-    if output is None:
-        print(text, end="" if text.endswith("\n") else "\n")
+    if table == PUBLISHED_TABLE:
+        text = build_published(request)
     else:
-        write_text(output, text)
-        print(output)
-
-
-def _figure(name: str) -> Callable[[RunStore, Source, Sequence[Record], Path], Path]:
-    from harness.pipeline.report.figures import FIGURES
-
-    if name not in FIGURES:
-        raise HarnessError(f"unknown figure '{name}'", hint=did_you_mean(name, FIGURES))
-    return FIGURES[name]
-
-
-def _admit(figure: str, source: Source, records: Sequence[Record], reason: str) -> None:
-    """Figures of sealed subjects need a reason and are logged."""
-    from harness.cli.display import Bars
-    from harness.pipeline.inputs.sealed import Look, admit
-
-    methods = tuple(dict.fromkeys(record.method_name for record in records))
-    look = Look(
-        f"figure {figure}", source.name, source.subjects, reason, methods, source.recipe.name
-    )
-    admit(source.manifest, source.workspace, look, Bars())
-
-
-def _source(
-    store: RunStore,
-    records: Sequence[Record],
-    place: Workspace,
-    manifest: Path | None,
-    subjects: tuple[str, ...],
-) -> Source:
-    """The photographed subjects of some records, or those asked for."""
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.sources import Source
-
-    photographed = [record for record in records if record.recipe]
-    if not photographed:
-        raise HarnessError(f"{store.directory} has no record of photos", hint="Run 'harness eval'")
-    first = photographed[0]
-    chosen = subjects or tuple(dict.fromkeys(record.subject for record in photographed))
-    return Source.select(load_manifest(manifest), place, first.dataset, chosen, first.recipe)
+        text = build_table(RunStore.existing(place, run).records(), request)
+    deliver(text, output)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from harness.cli.display import shown_progress
 from harness.cli.options import (
     Dataset,
     Json,
@@ -18,97 +18,113 @@ from harness.cli.options import (
     WorkspacePath,
     split_names,
 )  # fmt: skip
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from harness.core.array_files.npz import write_npz
+from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
+from harness.core.metric_catalog import METRICS
+from harness.core.settings import MetricProtocol
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.scan_set import ScanSet
+from harness.pipeline.inputs.sealed import Look, admit
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pair
+from harness.pipeline.run.store import RunStore
+from metrics.score import Score
 
-if TYPE_CHECKING:
-    from harness.core.settings import MetricProtocol
-    from harness.data.manifest import Manifest
-    from metrics.score import Score
+__all__ = ["app"]
 
-__all__ = ["score"]
+app = verb_group("score")
+
+Predicted = Annotated[
+    Path,
+    typer.Argument(
+        metavar="PRED",
+        help="A mesh; or a folder of meshes named by subject, such as a01.ply.",
+    ),
+]
+Truth = Annotated[
+    Path | None, typer.Option("--gt", metavar="FILE", help="The true mesh, if PRED is a mesh.")
+]
+MethodName = Annotated[
+    str,
+    typer.Option("--name", metavar="NAME", help="Name of the method that made a folder of meshes."),
+]
+Title = Annotated[
+    str,
+    typer.Option(
+        "--title", metavar="TEXT", help="Title of that method in tables. Default: its name."
+    ),
+]
+NewRun = Annotated[
+    str,
+    typer.Option("--run", metavar="NAME", help="Folder below runs/ for the results of a folder."),
+]
+Points = Annotated[
+    Path | None,
+    typer.Option(
+        "--points",
+        metavar="FILE",
+        help="Write the errors of a single mesh point by point to this .npz file.",
+    ),
+]
 
 
+@app.command()
 def score(
-    predicted: Annotated[
-        Path, typer.Argument(metavar="PRED", help="A mesh, or a folder of <id>.ply|obj|glb.")
-    ],
-    gt: Annotated[
-        Path | None, typer.Option("--gt", help="The true mesh, for a single PRED.")
-    ] = None,
+    predicted: Predicted,
+    gt: Truth = None,
     dataset: Dataset = "",
-    name: Annotated[str, typer.Option("--name", help="Under which method a folder is filed.")] = "",
-    title: Annotated[str, typer.Option("--title", help="Its title in tables.")] = "",
+    name: MethodName = "",
+    title: Title = "",
     subjects: Subjects = "",
     protocol: Protocol = "mexecon",
-    run: Annotated[str, typer.Option("--run", help="Run folder for a folder's records.")] = "main",
-    points: Annotated[
-        Path | None, typer.Option("--points", help="Write per-point errors of a pair to this .npz.")
-    ] = None,
+    run: NewRun = "main",
+    points: Points = None,
     reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Score a mesh against the truth, or a folder of meshes against a dataset.
+    """Score meshes that were made elsewhere.
 
-    Meshes are metres in the world frame (+Y up); nothing is aligned, scaled or repaired.
+    Give --gt for one mesh, or --dataset and --name for a folder of meshes. Meshes are in metres in
+    the world frame (+Y up); nothing is aligned, scaled or repaired. The exit code is 1 when a
+    subject of the dataset has no mesh, or one that cannot be scored.
     """
-    from harness.data.manifest import load_manifest
-
     checked = load_manifest(manifest)
     rule = checked.protocol(protocol)
     if gt is not None and not dataset:
-        _pair(predicted, gt, rule, points, as_json=as_json)
+        outcome = score_pair(predicted, gt, rule, keep_points=points is not None)
+        if points is not None:
+            _write_points(points, outcome)
+        _print_pair(predicted, gt, rule, outcome, as_json=as_json)
     elif dataset and gt is None:
         if not name:
             raise HarnessError("a folder needs a name", hint="Give --name mymethod")
-        _admit(checked, (dataset, split_names(subjects)), name, reason, workspace)
-        _folder(
-            checked,
-            (predicted, name, title or name),
-            (dataset, subjects, run),
-            rule,
-            workspace,
-            as_json,
-        )
+        place = Workspace.default(workspace)
+        truth = ScanSet.select(checked, place, dataset, split_names(subjects))
+        look = Look("scores of meshes", truth.name, truth.subjects, reason, (name,))
+        admit(checked, place, look, shown_progress())
+        store = RunStore(place.run(run))
+        request = FolderRequest(predicted, name, title or name, truth, rule, store)
+        _score_folder(request, as_json=as_json)
     else:
         raise HarnessError(
-            "score what against what?",
+            f"no truth was named to compare {predicted} with",
+            expected="either --gt or --dataset",
+            got="both" if gt is not None else "neither",
             hint="Give --gt TRUTH for one mesh, or --dataset NAME --name METHOD for a folder",
         )
 
 
-def _admit(
-    manifest: Manifest,
-    target: tuple[str, tuple[str, ...]],
-    method: str,
-    reason: str,
-    workspace: Path | None,
+def _print_pair(
+    predicted: Path, truth: Path, rule: MetricProtocol, outcome: Score, *, as_json: bool
 ) -> None:
-    """Scores of meshes on sealed subjects need a reason and are logged."""
-    from harness.cli.display import Bars
-    from harness.pipeline.inputs.sealed import Look, admit
-    from harness.pipeline.inputs.workspace import Workspace
-
-    dataset, _, subjects = manifest.select(*target)
-    look = Look("scores of meshes", dataset, subjects, reason, (method,))
-    admit(manifest, Workspace.default(workspace), look, Bars())
-
-
-def _pair(
-    predicted: Path, truth: Path, rule: MetricProtocol, points: Path | None, *, as_json: bool
-) -> None:
-    from harness.pipeline.run.elsewhere import score_pair
-
-    outcome = score_pair(predicted, truth, rule, keep_points=points is not None)
-    if points is not None:
-        _write_points(points, outcome)
     if as_json:
-        document = {**outcome.to_dict(), "predicted": str(predicted), "truth": str(truth)}
-        print(json.dumps(document, indent=2, allow_nan=False))
+        print_json({**outcome.to_dict(), "predicted": str(predicted), "truth": str(truth)})
         return
-    from harness.core.metric_catalog import METRICS
-
     print(f"{predicted} against {truth}, protocol {rule.name} v{rule.version}")
     for key, value in outcome.metrics.items():
         floor = f"   floor {value.floor:.3f} {value.unit}" if value.floor else ""
@@ -121,11 +137,7 @@ def _pair(
 
 
 def _write_points(path: Path, outcome: Score) -> None:
-    import numpy as np
-
-    from harness.core.files.atomic import atomic_path
-
-    arrays = {}
+    arrays: dict[str, Floats] = {}
     for side, errors in (
         ("predicted", outcome.predicted_points),
         ("truth", outcome.truth_points),
@@ -134,41 +146,17 @@ def _write_points(path: Path, outcome: Score) -> None:
             arrays[f"{side}_points"] = errors.points
             arrays[f"{side}_distances_mm"] = errors.distances_mm
             arrays[f"{side}_normal_errors_deg"] = errors.normal_errors_deg
-    with atomic_path(path.with_suffix(".npz")) as temporary:
-        np.savez_compressed(temporary, **arrays)
+    write_npz(path.with_suffix(".npz"), arrays)
 
 
-def _folder(
-    manifest: Manifest,
-    what: tuple[Path, str, str],
-    target: tuple[str, str, str],
-    rule: MetricProtocol,
-    workspace: Path | None,
-    as_json: bool,
-) -> None:
-    from harness.cli.display import Bars
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.run.elsewhere import FolderRequest, dataset_target, score_folder
-    from harness.pipeline.run.store import RunStore
-
-    folder, name, title = what
-    dataset, subjects, run = target
-    place = Workspace.default(workspace)
-    request = FolderRequest(
-        folder=folder,
-        name=name,
-        title=title,
-        dataset=dataset_target(manifest, dataset, split_names(subjects), place.root),
-        protocol=rule,
-        store=RunStore(place.run(run)),
-    )
-    with Bars(quiet=as_json) as bars:
-        outcomes = score_folder(request, bars)
+def _score_folder(request: FolderRequest, *, as_json: bool) -> None:
+    with shown_progress(quiet=as_json) as progress:
+        outcomes = score_folder(request, progress)
     if as_json:
-        print(json.dumps([outcome.record.to_dict() for outcome in outcomes], indent=2))
+        print_json([outcome.record.to_dict() for outcome in outcomes])
     else:
         scored = sum(outcome.status == "ok" for outcome in outcomes)
         print(f"{scored} of {len(outcomes)} subjects scored in {request.store.directory}")
-        print(f"Next: harness report --table geometry --run {run}")
+        print(f"Next: harness report --table geometry --run {request.store.directory.name}")
     if any(outcome.status != "ok" for outcome in outcomes):
         raise typer.Exit(1)

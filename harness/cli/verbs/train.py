@@ -2,55 +2,94 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from harness.cli.display import shown_progress
 from harness.cli.options import Jobs, Json, ManifestPath, Subjects, WorkspacePath, split_names
+from harness.cli.output import print_json
+from harness.cli.verb_list import VERBS, verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.training.normals import TrainingRequest, train_normals
+from harness.pipeline.training.samples import SampleSettings
+from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["app"]
 
-app = typer.Typer(help="Train the open networks.", no_args_is_help=True, rich_markup_mode=None)
+app = verb_group("train")
 
 
-@app.callback()
+# The callback keeps this a group of commands while it has only one.
+@app.callback(help=VERBS["train"])
 def train() -> None:
-    """Train the open networks."""
+    """Nothing to do before a command."""
+
+
+Views = Annotated[int, typer.Option(metavar="N", min=1, help="Number of photos of each subject.")]
+Steps = Annotated[int, typer.Option(metavar="N", min=1, help="Number of optimiser steps.")]
+Batch = Annotated[int, typer.Option(metavar="N", min=1, help="Number of photos in each step.")]
+Rate = Annotated[float, typer.Option(metavar="RATE", min=0.0, help="Greatest learning rate.")]
+HeldOut = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        min=1,
+        help="Number of subjects, from the end of the list, that are not trained on and "
+        "measure the error.",
+    ),
+]
+Seed = Annotated[int, typer.Option(metavar="N", help="Seed of photos, first weights and order.")]
+JudgeEvery = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        min=1,
+        help="Number of steps between two checkpoints, at which the error is measured.",
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FOLDER",
+        help="Folder for checkpoint, error curve and network. Default: training/normals in "
+        "the workspace.",
+    ),
+]
+TrainingSet = Annotated[
+    str,
+    typer.Option(
+        "--dataset", metavar="NAME", help="Dataset to train on; never one that is reported on."
+    ),
+]
 
 
 @app.command("normals")
 def normals(
     subjects: Subjects = "t00001..t00020",
-    views: Annotated[int, typer.Option(min=1, help="Photos of each subject.")] = 32,
-    steps: Annotated[int, typer.Option(min=1, help="Of the optimiser.")] = 1500,
-    batch: Annotated[int, typer.Option(min=1, help="Photos a step.")] = 8,
-    rate: Annotated[float, typer.Option(min=0.0, help="Greatest learning rate.")] = 1.5e-3,
-    held_out: Annotated[int, typer.Option(min=1, help="Last subjects, which only judge.")] = 2,
-    seed: Annotated[int, typer.Option(help="Of samples, weights and order.")] = 0,
-    judge_every: Annotated[int, typer.Option(min=1, help="Steps between checkpoints.")] = 100,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder. Default: WORKSPACE/training/normals."),
-    ] = None,
-    dataset: Annotated[str, typer.Option("--dataset", help="Never the test subjects.")] = (
-        "avatars-train"
-    ),
+    views: Views = 32,
+    steps: Steps = 1500,
+    batch: Batch = 8,
+    rate: Rate = 1.5e-3,
+    held_out: HeldOut = 2,
+    seed: Seed = 0,
+    judge_every: JudgeEvery = 100,
+    output: Output = None,
+    dataset: TrainingSet = "avatars-train",
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """The normal estimator, on generated subjects; the same command goes on after a stop."""
-    from harness.cli.display import Bars
-    from harness.data.manifest import load_manifest
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
-    from harness.pipeline.training.normals import TrainingRequest, train_normals
-    from harness.pipeline.training.samples import SampleSettings
-    from methods.normals.training.loop import TrainingSettings
+    """Train the network that estimates normals, on generated subjects.
 
+    The same command continues after a stop.
+    """
     checked = load_manifest(manifest)
     place = Workspace.default(workspace)
     recipe = next(iter(checked.recipes))
@@ -64,10 +103,10 @@ def normals(
         held_out=held_out,
         jobs=jobs,
     )
-    with Bars(quiet=as_json) as bars:
-        result = train_normals(request, bars)
+    with shown_progress(quiet=as_json) as progress:
+        result = train_normals(request, progress)
     if as_json:
-        print(json.dumps(result.to_dict(), indent=2))
+        print_json(result.to_dict())
         return
     print(f"front {result.front_deg:.2f} deg (body {result.body_front_deg:.2f}), ", end="")
     print(f"back {result.back_deg:.2f} deg (body {result.body_back_deg:.2f}), held-out subjects")

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from harness.cli.options import Json
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from methods.normals import installed
 
 __all__ = ["app"]
 
-app = typer.Typer(
-    help="List, import and verify normal networks.", no_args_is_help=True, rich_markup_mode=None
-)
+app = verb_group("weights")
 _MARKS = {"ok": "ok", "missing": "MISSING", "corrupt": "CORRUPT"}
 
 
 @app.command("list")
 def list_networks(as_json: Json = False) -> None:
-    """The networks that are there: size, licence, training set, sum, and where."""
-    from methods.normals import installed
-
+    """List the networks that are there: size, licence, training set, checksum and place."""
     places = (installed.shipped_place(), installed.imported_place())
     networks = [network for place in places for network in installed.listed(place)]
     if as_json:
-        print(json.dumps([network.to_dict() for network in networks], indent=2))
+        print_json([network.to_dict() for network in networks])
         return
     for network in networks:
         print(
@@ -40,28 +38,36 @@ def list_networks(as_json: Json = False) -> None:
 
 @app.command("import")
 def import_network(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="An ONNX file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Network to import, an ONNX file.")],
     name: Annotated[
-        str, typer.Option("--name", help="How it will be asked for. Default: the file's name.")
+        str,
+        typer.Option(
+            "--name",
+            metavar="NAME",
+            help="Name by which settings choose the network. Default: the file's name.",
+        ),
     ] = "",
     replace: Annotated[
-        bool, typer.Option("--replace", help="Take the place of another one of that name.")
+        bool, typer.Option("--replace", help="Replace an imported network of the same name.")
     ] = False,
     ship: Annotated[
-        bool, typer.Option("--ship", help="Into this checkout's package, to be shipped with it.")
+        bool,
+        typer.Option(
+            "--ship",
+            help="Import into this source checkout's package, so that it is installed with it.",
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Check a network, copy it to your own folder and enter its sum.
+    """Check a network, copy it to your own folder, and note its checksum.
 
-    The folder is HARNESS_WEIGHTS, or mexecon-harness/weights below your data folder.
+    The folder is the one that HARNESS_WEIGHTS names, or else mexecon-harness/weights below your
+    data folder.
     """
-    from methods.normals import installed
-
     place = installed.shipped_place() if ship else installed.imported_place()
     network = installed.import_file(file, name or file.stem, place, replace=replace)
     if as_json:
-        print(json.dumps(network.to_dict(), indent=2))
+        print_json(network.to_dict())
         return
     print(f"{network.name}: {network.licence}, sha256 {network.sha256[:12]}, at {network.path}")
     onnx = f"surface.normals=onnx --set surface.normals_model={network.name}"
@@ -72,16 +78,18 @@ def import_network(
 @app.command("verify")
 def verify(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Default: all.")
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Networks to verify. Default: all."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Compare files with their sums; exit 1 if one is missing or another one."""
-    from methods.normals import installed
+    """Compare the networks' files with their checksums.
 
+    The exit code is 1 when a file is missing or is not the one that was imported.
+    """
     checks = installed.check(names or ())
     if as_json:
-        print(json.dumps([check.to_dict() for check in checks], indent=2))
+        print_json([check.to_dict() for check in checks])
     else:
         for check in checks:
             network = check.network

@@ -1,1 +1,1 @@
-"""Files of arrays from strangers: pickles and NPZ, read without running what else they hold."""
+"""Untrusted files of arrays: pickles and NPZ, read without running any code in them."""

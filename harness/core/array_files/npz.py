@@ -1,4 +1,4 @@
-"""Arrays out of an NPZ file: headers are checked before any room is made for contents."""
+"""NPZ files of arrays: written atomically, and read after their headers have been checked."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.errors import DataError
+from harness.core.files.atomic import atomic_path
 
-__all__ = ["MOST_NPZ_BYTES", "read_array_npz"]
+__all__ = ["MOST_NPZ_BYTES", "read_array_npz", "read_required_arrays", "write_npz"]
 
-#: What the wanted arrays of one file may take together; those of SMPL-X take 230 MiB.
+#: Largest total size of the wanted arrays of one file; those of SMPL-X take 230 MiB.
 MOST_NPZ_BYTES = 768 * 2**20
-#: Real arrays shrink less than this; what is mostly zeros is small enough for the allowance.
+#: Real arrays compress less than this; arrays of mostly zeros are small enough to be allowed.
 _MOST_SHRINKAGE, _ALLOWANCE_BYTES = 16, 64 * 2**20
 _MOST_DIRECTORY_BYTES = 2**20
 _MOST_HEADER_BYTES, _MOST_DIMENSIONS = 10_000, 8
@@ -47,7 +48,51 @@ class _Layout:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any]]:
+def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool = True) -> None:
+    """Write arrays by name as an NPZ file, atomically.
+
+    Raises:
+        DataError: a full disk or a missing right.
+    """
+    save = np.savez_compressed if compressed else np.savez
+    with atomic_path(path) as temporary:
+        save(temporary, **arrays)
+
+
+def read_required_arrays(
+    path: Path, names: Collection[str], content: str, hint: str
+) -> dict[str, NDArray[Any]]:
+    """The arrays of some names in an NPZ file, all of them; as ``read_array_npz``.
+
+    Args:
+        path: The file.
+        names: Arrays that must be there.
+        content: What the file ought to hold, for the message, such as ``fitted body``.
+        hint: What to do about a file that holds something else, for the message.
+
+    Raises:
+        DataError: as ``read_array_npz``, or one of the arrays is not there.
+    """
+    try:
+        found = read_array_npz(path, names)
+    except DataError as error:
+        raise DataError(
+            f"{path} holds no {content}",
+            expected=error.expected,
+            got=error.got or error.what,
+            hint=hint,
+        ) from error
+    if missing := [name for name in names if name not in found]:
+        raise DataError(
+            f"{path} holds no {content}",
+            expected=", ".join(names),
+            got=f"a file without {', '.join(missing)}",
+            hint=hint,
+        )
+    return found
+
+
+def read_array_npz(path: Path, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
     """Some arrays of numbers or short text in an NPZ file, by name, read-only, of their own dtype.
 
     Memory stays below 16 times the file's size and 64 MiB, and never exceeds
@@ -56,6 +101,7 @@ def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any
     Args:
         path: The file, as ``numpy.savez`` or ``savez_compressed`` writes it.
         wanted: Arrays to return if they are there; everything else in the file is passed over.
+            None is all arrays.
 
     Raises:
         DataError: no such file, not an NPZ, damaged or encrypted, or a wanted array of
@@ -83,7 +129,7 @@ def read_array_npz(path: Path, wanted: Collection[str]) -> dict[str, NDArray[Any
 
 
 def _check_directory(stream: IO[bytes], size: int) -> None:
-    """Refuse a list of contents that is larger than any list of arrays."""
+    """Refuse a table of contents that is larger than arrays need."""
     tail_size = min(size, _END_SIZE + _MOST_COMMENT + _END_OF_LARGE_SIZE)
     stream.seek(size - tail_size)
     tail = stream.read(tail_size)
@@ -96,8 +142,14 @@ def _check_directory(stream: IO[bytes], size: int) -> None:
     stream.seek(0)
 
 
-def _arrays(archive: zipfile.ZipFile, wanted: Collection[str], room: int) -> dict[str, Any]:
-    members = [info for info in archive.infolist() if info.filename.removesuffix(".npy") in wanted]
+def _arrays(
+    archive: zipfile.ZipFile, wanted: Collection[str] | None, room: int
+) -> dict[str, NDArray[Any]]:
+    members = [
+        info
+        for info in archive.infolist()
+        if wanted is None or info.filename.removesuffix(".npy") in wanted
+    ]
     total = sum(info.file_size for info in members)
     if total > min(room, MOST_NPZ_BYTES):
         raise ValueError(f"its arrays would take {total} bytes, more than such a file can hold")

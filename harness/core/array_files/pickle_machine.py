@@ -1,4 +1,4 @@
-"""The stack machine that every pickle is a program for, without the means to call anything.
+"""The stack machine that runs a pickle's instructions, without any way to call a function.
 
 Only the instructions that write numbers, text, bytes, lists, tuples and dictionaries are known.
 What a pickle names, calls or sets goes to an ``Objects``, which decides what becomes of it. The
@@ -20,15 +20,15 @@ __all__ = ["MOST_STEPS", "Objects", "Refused", "run_pickle"]
 MOST_STEPS = 200_000
 _MOST_DIGITS = 40
 _MOST_INDEX = 2**31
-#: Longer text is the bytes of an array; other text would take four bytes a character.
+#: Longer text can only be the bytes of an array; other text takes four bytes per character.
 _LONG_TEXT = 256
-#: The first bytes of UTF-8 from here on begin a character that is no Latin-1.
+#: From this first byte on, UTF-8 encodes characters that are not in Latin-1.
 _BEYOND_LATIN1 = 0xC4
 _ESCAPE_BEYOND_LATIN1 = re.compile(rb"\\u(?!00)|\\U")
 
 
 class Refused(ValueError):
-    """A pickle is broken, or needs more than arrays need; the message is half a sentence."""
+    """A pickle is broken, or does more than arrays need; the message is part of a sentence."""
 
 
 class Objects(Protocol):
@@ -52,7 +52,7 @@ def run_pickle(stream: BinaryIO, size: int, objects: Objects) -> object:
 
     Args:
         stream: Stands at the pickle's start.
-        size: Number of bytes in it; no more are ever asked for at once.
+        size: Number of bytes in it; no read asks for more.
         objects: Stands for everything that is not plain.
 
     Raises:
@@ -80,7 +80,7 @@ class _Machine:
             _INSTRUCTIONS[code](self)
         raise Refused(f"it holds more than {MOST_STEPS} instructions")
 
-    # Reading. Lengths are compared with what is left before any room is made for them.
+    # Reading. Lengths are compared with the remaining bytes before memory is allocated.
 
     def _bytes(self, count: int) -> bytes:
         if not 0 <= count <= self._left:
@@ -235,7 +235,7 @@ class _Machine:
             keys = [_key(value) for value in values[::2]]
             cast("dict[object, object]", target).update(zip(keys, values[1::2], strict=True))
 
-    # The memo, by which a pickle refers to what it wrote before.
+    # The memo, with which a pickle refers to earlier values.
 
     def _remember(self, index: int) -> None:
         if not 0 <= index < _MOST_INDEX:
@@ -262,7 +262,7 @@ class _Machine:
     def recall_line(self) -> None:
         self._recall(int(self._line(_MOST_DIGITS)))
 
-    # What is not plain.
+    # Names, calls and states.
 
     def name_lines(self) -> None:
         module, name = self._line(_LONG_TEXT), self._line(_LONG_TEXT)

@@ -1,9 +1,9 @@
-"""Numeric arrays out of a pickle; nothing that it names is imported or called.
+"""Numeric arrays from a pickle; nothing that it names is imported or called.
 
 THuman's SMPL-X fits and SMPL-X's own ``.pkl`` are pickled dictionaries of arrays; some real fits
 hold trimesh's ``TrackedArray``, which is an array with bookkeeping. An ordinary unpickler calls
-whatever function a file names, and numpy's own parts crash on crafted states: so arrays are built
-here, from bytes of the length that their shape needs.
+any function that a file names, and numpy's own functions crash on crafted states. So arrays are
+built here, from bytes of the length that their shape needs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["MOST_PICKLE_BYTES", "read_array_pickle"]
 
 #: The largest known file, SMPL-X as text, takes 520 MiB.
 MOST_PICKLE_BYTES = 640 * 2**20
-#: What text and lists may grow to beyond the file's own size.
+#: How much larger than the file its text and lists may become.
 _ALLOWANCE_BYTES = 16 * 2**20
 _MOST_DEPTH, _MOST_DIMENSIONS = 4, 8
 _NUMERIC = re.compile(r"([<>=|]?)(\?|b1|[iu][1248]|f[248])")
@@ -33,7 +33,7 @@ _ARRAY_STATE = 5
 _MOST_SHOWN = 60
 _BYTE_ORDERS = ("<", ">", "=", "|")
 
-#: What the pickles of arrays refer to, and under which name it is known below.
+#: The names that pickles of arrays refer to, and what they are called below.
 _ROLES = {
     ("numpy", "ndarray"): "array",
     ("trimesh.caching", "TrackedArray"): "array",
@@ -68,7 +68,7 @@ class _Foreign:
 
 @dataclass(slots=True)
 class _Kind:
-    """A dtype, whose byte order a pickle tells after it was made."""
+    """A dtype; a pickle sets its byte order after creating it."""
 
     code: str
     order: str = ""
@@ -79,7 +79,7 @@ class _Kind:
 
 @dataclass(slots=True)
 class _Pending:
-    """An array, which a pickle makes empty and fills later."""
+    """An array; a pickle creates it empty and fills it later."""
 
     value: NDArray[Any] | _Foreign = _Foreign("holds an array without content")
 
@@ -143,11 +143,11 @@ def _entry(path: Path, name: str, value: object, builder: _Builder) -> NDArray[A
 
 
 class _Builder:
-    """Builds arrays out of what the stack machine hands over.
+    """Builds arrays from what the stack machine passes on.
 
     Args:
-        room: Bytes that may be made beyond those that the file itself holds.
-        strict: Whether anything that is no array ends the reading.
+        room: Bytes that may be allocated beyond the size of the file.
+        strict: Whether anything that is not an array is refused.
     """
 
     def __init__(self, room: int, *, strict: bool) -> None:
@@ -216,7 +216,7 @@ class _Builder:
         return made
 
     def _count(self, values: list[object] | tuple[object, ...], depth: int) -> None:
-        """Refuse lists that are not of numbers, or that share parts until they are huge."""
+        """Refuse lists of anything but numbers, and lists that become huge by sharing parts."""
         if depth > _MOST_DEPTH:
             raise ValueError(f"lists more than {_MOST_DEPTH} deep")
         self._spend(64 + 16 * len(values))
@@ -282,7 +282,7 @@ def _is_scalar(value: object) -> bool:
 
 
 def _shown(text: str) -> str:
-    """A stranger's text, cut and without what would move a terminal's cursor."""
+    """Untrusted text, shortened and without terminal control characters."""
     return text[:_MOST_SHOWN].encode("unicode_escape").decode()
 
 

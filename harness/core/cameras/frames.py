@@ -1,4 +1,4 @@
-"""The border: cameras of other conventions become ours here, and ours become theirs.
+"""Conversions between our camera convention and those of Blender, nerfstudio, COLMAP and MExECON.
 
 Ours is OpenCV axes (x right, y down, z forward) in a right-handed world with +Y up, the subject
 facing +Z. Blender's world has +Z up, and what stands upright in it faces -Y: that is how Blender
@@ -22,6 +22,7 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json, write_text
 
 __all__ = [
+    "ANNY_TO_WORLD",
     "BLENDER_TO_WORLD",
     "OPENCV_TO_BLENDER_CAMERA",
     "camera_from_blender",
@@ -38,6 +39,8 @@ __all__ = [
 
 #: (4, 4) from Blender's world (Z up, front -Y) to ours (Y up, front +Z): (x, y, z) is (x, z, -y).
 BLENDER_TO_WORLD: Floats = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+#: (3, 3) from the world of the body model Anny (metres, Z up, front -Y, as Blender's) to ours.
+ANNY_TO_WORLD: Floats = BLENDER_TO_WORLD[:3, :3].copy()
 #: (4, 4) from OpenCV camera axes to Blender's and OpenGL's (x right, y up, z backward).
 OPENCV_TO_BLENDER_CAMERA: Floats = np.diag([1.0, -1.0, -1.0, 1.0])
 #: From axes x left, y up, z forward (PyTorch3D's) to OpenCV's.
@@ -97,14 +100,14 @@ def camera_from_blender(matrix_world: Floats, K: Floats, width: int, height: int
 def read_published_cameras(path: Path) -> tuple[Camera, ...]:
     """Cameras of a ``camera_parameters.json`` as published with MExECON.
 
-    In the file's own order, which does not start at the front: of the published eight, camera 6
-    stands before a subject that faces Blender's -Y and camera 2 behind it. Lengths are those of
-    the file, in which a scan stands in its own units.
+    They keep the file's order, which does not start at the front. Among the eight published
+    cameras, camera 6 is in front of a subject that faces Blender's -Y, and camera 2 is behind it.
+    Lengths are those of the file, in which a scan has its own units.
 
     Each entry has a Blender location, ``image_size`` as [width, height], and a quaternion
     (w, x, y, z) whose columns are the camera's axes x left, y up, z forward. Files with Blender's
-    own camera axes (x right, y up, z backward) are accepted, too: the axes are those under which
-    every camera looks towards the origin.
+    own camera axes (x right, y up, z backward) are accepted, too. The reader takes the axes with
+    which every camera looks towards the origin.
 
     Raises:
         DataError: not such a file, or a camera that looks away from the origin either way.
@@ -157,7 +160,7 @@ def _intrinsics(fx: float, fy: float, cx: float, cy: float) -> Floats:
 
 @contextlib.contextmanager
 def _located(path: Path) -> Generator[None]:
-    """Say in which file a camera was found wanting."""
+    """Add the file's path to errors about a camera in it."""
     try:
         yield
     except DataError as error:

@@ -19,9 +19,9 @@ def focal_length_px(lens_mm: float, sensor_mm: float, width: int, height: int) -
 
 
 def camera_yaw_deg(camera: Camera) -> float:
-    """Where a camera stands, degrees in [0, 360): 0 is +Z, growing towards +X.
+    """The yaw of a camera's position, degrees in [0, 360): 0 at +Z, growing towards +X.
 
-    Rounded to a millionth of a degree, so that cameras of one rig compare as they were meant.
+    It is rounded to a millionth of a degree, so that rounding noise does not reorder cameras.
     """
     x, _, z = camera.position
     return round(math.degrees(math.atan2(x, z)), 6) % 360
@@ -30,9 +30,9 @@ def camera_yaw_deg(camera: Camera) -> float:
 def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> tuple[int, ...]:
     """The numbers of all views, the frontal one first, then by yaw towards the subject's left.
 
-    The frontal view is the one that stands nearest to where the subject faces, by default +Z. Of
-    eight even views the third is then the left side and the fifth the back, however a rig numbers
-    them.
+    The frontal view is the one nearest to the direction that the subject faces, by default +Z.
+    Among eight evenly spaced views, the third is then the left side and the fifth is the back,
+    whatever numbers the rig gives them.
     """
     yaws_deg = [round(camera_yaw_deg(camera) - front_yaw_deg, 6) % 360 for camera in cameras]
     front_deg = min(yaws_deg, key=lambda yaw_deg: min(yaw_deg, 360 - yaw_deg), default=0.0)
@@ -43,11 +43,11 @@ def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> t
 
 @dataclass(frozen=True, slots=True)
 class RingRig:
-    """Cameras evenly spaced on a circle round the origin, all at one pitch.
+    """Cameras evenly spaced on a circle around the origin, all at one pitch.
 
     Yaw is 0 in front of the subject (on +Z) and grows towards its left (+X). By default view 0 is
-    frontal, so that of eight views number 2 is on +X and number 4 is the back: our ``ring8``. The
-    published file numbers the same eight places from +X on, with number 6 in front.
+    frontal: with eight views, our ``ring8``, number 2 is on +X and number 4 is the back. The
+    published file numbers the same eight places starting at +X, with number 6 in front.
 
     Attributes:
         views: Number of cameras.

@@ -1,1 +1,1 @@
-"""Files written as a whole, what they are called, and the hashes of what they hold."""
+"""Atomic writing, the rule for names, and hashes of files and values."""

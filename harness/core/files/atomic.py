@@ -1,4 +1,4 @@
-"""Writing that is all or nothing, and locks that a killed process lets go of."""
+"""Atomic writes, and locks that are released when their process dies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import time
 import uuid
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeGuard
 
 from harness.core.errors import DataError
 from harness.core.process.interrupts import require_not_stopped
@@ -29,19 +29,19 @@ __all__ = [
 ]
 
 _LOCK_POLL_S = 0.05
-#: Only writing runs into these; the kernel does not say for which file.
+#: Errors that only writing can cause; the kernel does not say for which file.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 @contextlib.contextmanager
 def atomic_path(path: Path) -> Generator[Path]:
-    """A temporary path beside ``path`` that becomes ``path`` when the block ends well.
+    """A temporary path beside ``path`` that becomes ``path`` when the block succeeds.
 
-    The file is synced and renamed; when the block raises, nothing is left behind.
+    The file is synced and renamed. If the block raises, nothing is left behind.
 
     Raises:
-        DataError: a full disk or a missing right; names ``path``. Whatever else goes wrong in the
-            block, such as an input that cannot be read, is raised as it is.
+        DataError: the disk is full or a permission is missing; the message names ``path``.
+            Any other error in the block, such as an unreadable input, passes unchanged.
     """
     temporary = _temporary_sibling(path)
     try:
@@ -57,7 +57,7 @@ def atomic_path(path: Path) -> Generator[Path]:
 
 @contextlib.contextmanager
 def atomic_directory(path: Path) -> Generator[Path]:
-    """A temporary folder that replaces ``path`` as a whole when the block ends well.
+    """A temporary folder that replaces ``path`` as a whole when the block succeeds.
 
     Raises:
         DataError: as ``atomic_path``.
@@ -77,7 +77,7 @@ def atomic_directory(path: Path) -> Generator[Path]:
 
 
 def _put_in_place(temporary: Path, path: Path) -> None:
-    """Rename a folder to ``path``; what stood there is removed last, or put back."""
+    """Rename a folder to ``path``; the old one is removed last, or restored on failure."""
     retired = _temporary_sibling(path)
     if path.exists():
         path.rename(retired)
@@ -107,12 +107,12 @@ def _explained(path: Path, temporary: Path) -> Generator[None]:
 
 
 def _temporary_sibling(path: Path) -> Path:
-    # The suffix stays last: writers such as Pillow and numpy choose the format by it.
+    # The suffix stays last, because writers such as Pillow and numpy choose the format by it.
     return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part{path.suffix}")
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove what writers of ``path`` that were killed half-way left beside it.
+    """Remove temporary files that killed writers of ``path`` left beside it.
 
     Call it only while holding the lock under which ``path`` is written.
     """
@@ -156,11 +156,15 @@ def read_json(path: Path) -> dict[str, Any]:
         raise DataError(f"could not read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(value, dict):
+    if not _is_object(value):
         raise DataError(
             f"{path} is not a JSON object", expected="{ ... }", got=type(value).__name__
         )
-    return cast(dict[str, Any], value)
+    return value
+
+
+def _is_object(value: object) -> TypeGuard[dict[str, Any]]:
+    return isinstance(value, dict)
 
 
 @contextlib.contextmanager
@@ -184,7 +188,10 @@ def exclusive_lock(path: Path) -> Generator[None]:
 
 
 def _locked(descriptor: int) -> bool:
-    """Whether the lock could be taken at once; a thread that sleeps in the kernel hears nothing."""
+    """Whether the lock could be taken at once.
+
+    The call never blocks, because a thread that waits in the kernel would not notice a stop.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

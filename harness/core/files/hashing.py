@@ -1,4 +1,4 @@
-"""Content ids and seeds: equal inputs give equal ids, anything else does not."""
+"""Content ids and seeds: equal inputs give equal ids, and different inputs give different ones."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def file_sha256(path: Path) -> str:
 def derive_seed(root_seed: int, *context: str | int) -> int:
     """A 63-bit seed for one use of randomness, from the root seed and what it is for.
 
-    ``derive_seed(0, "a01", "samples")`` never meets ``derive_seed(0, "a02", "samples")``; 0 is a
-    root seed like any other.
+    Different contexts give independent seeds, such as ``derive_seed(0, "a01", "samples")`` and
+    ``derive_seed(0, "a02", "samples")``. A root seed of 0 is not special.
     """
     text = canonical_json([root_seed, *context])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1

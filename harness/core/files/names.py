@@ -1,6 +1,6 @@
 """What datasets, splits, recipes, protocols, subjects, methods and runs may be called.
 
-Names become folders, so the rule is one, and every place that makes a path of a name applies it.
+Names become folders. There is one rule, and all code that makes a path from a name applies it.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ __all__ = ["read_glb"]
 _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _POINTS_AND_LINES, _TRIANGLES = range(4), 4
-#: Nodes may show one mesh many times, so that a small file could hold any number of vertices.
+#: Nodes may repeat one mesh many times, so a small file could expand to any number of vertices.
 _MOST_ELEMENTS, _MOST_JSON_BYTES = 10_000_000, 16 * 2**20
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
@@ -112,7 +112,7 @@ def _chunks(content: bytes) -> _Glb:
 
 
 def _roots(glb: _Glb) -> list[int]:
-    """The top nodes of the default scene; of all nodes where there is no scene."""
+    """The top nodes of the default scene, or of the whole file if it has no scene."""
     if scenes := glb.document.get("scenes"):
         return scenes[glb.document.get("scene", 0)].get("nodes", [])
     nodes = glb.document.get("nodes", [])

@@ -1,4 +1,4 @@
-"""Mesh files by extension: one strict, explained failure per defect, and no repair on the way."""
+"""Mesh files by extension: each defect is one clear error, and nothing is repaired."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ MOST_MESH_BYTES = 512 * 2**20
 
 
 def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh:
-    """The mesh in a file, as it stands there: nothing merged, dropped, scaled or turned.
+    """The mesh in a file, unchanged: nothing is merged, dropped, scaled or turned.
 
     Args:
         path: An OBJ, PLY, GLB, OFF or STL file.
         texture: Whether texture coordinates and image are wanted (OBJ only).
         seams: Whether texture coordinates are wanted where the file has them, without an image:
-            they tell where the texture's seams are. Only those of an OBJ are read.
+            they show where the texture's seams are. They are read only from OBJ files.
 
     Raises:
         DataError: no such file, an unknown format, more than ``MOST_MESH_BYTES``, or any defect of

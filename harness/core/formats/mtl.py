@@ -11,7 +11,7 @@ from harness.core.errors import DataError
 __all__ = ["texture_image"]
 
 _MOST_BYTES = 2**20
-#: Options such as "-s 1 1 1" or "-clamp on" may stand before the file's name, which has the rest.
+#: Options such as "-s 1 1 1" or "-clamp on" may come before the file name, which is the rest.
 _DIFFUSE_MAP = re.compile(
     r"^\s*map_kd\s+(?:-\w+\s+(?:(?:on|off|[-+.\d][-+.\deE]*)\s+)+)*(.*\S)",
     re.IGNORECASE | re.MULTILINE,
@@ -23,7 +23,7 @@ def texture_image(mesh_path: Path, material_files: Sequence[str]) -> Path:
 
     Args:
         mesh_path: The OBJ file, whose folder holds the others.
-        material_files: As its ``mtllib`` records name them.
+        material_files: The names in its ``mtllib`` records.
 
     Raises:
         DataError: a material file that is not there, no image or several, an image that is not

@@ -22,7 +22,7 @@ __all__ = ["read_obj", "write_obj"]
 Number = TypeVar("Number", np.float64, np.int64)
 
 _NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"
-#: Whole numbers of so many digits, and 10 to that power, are exact in float64.
+#: Whole numbers with this many digits, and 10 to this power, are exact in float64.
 _EXACT_DIGITS = 15
 
 
@@ -75,7 +75,7 @@ class _Records:
         self._lengths = ends - self._starts
 
     def lines(self, keyword: bytes) -> Bytes:
-        """The bytes of all lines of a keyword, which is blanked; each ends with a newline."""
+        """The bytes of all lines of a keyword, which is blanked; each line ends with a newline."""
         chosen = self._are(keyword)
         lengths = self._lengths[chosen]
         if len(lengths) and chosen[(first := int(np.argmax(chosen))) :][: len(lengths)].all():
@@ -90,12 +90,12 @@ class _Records:
         return found
 
     def texts(self, keyword: bytes) -> list[str]:
-        """What stands after a keyword, line by line."""
+        """The text after a keyword, line by line."""
         lines = self.lines(keyword).tobytes().splitlines()
         return [line.decode(errors="replace").strip() for line in lines]
 
     def count_before(self, keyword: bytes, later: bytes) -> Ints:
-        """How many lines of a keyword stand before each line of another one."""
+        """How many lines of a keyword come before each line of another one."""
         return np.cumsum(self._are(keyword), dtype=np.int64)[self._are(later)]
 
     def _are(self, keyword: bytes) -> NDArray[np.bool_]:
@@ -124,7 +124,7 @@ def _slashes_per_word(lines: Bytes, words: _Words) -> Ints:
 
 
 def _parsed(text: bytes, kind: type[Number]) -> NDArray[Number]:
-    """All numbers in a text, or none if anything else is in it."""
+    """All numbers in a text, or none if it contains anything else."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
@@ -178,7 +178,7 @@ def _numbers(lines: Bytes, path: Path, keyword: str) -> NDArray[np.float64]:
 
 
 def _first_odd_line(lines: Bytes, is_sound: Callable[[list[bytes]], bool]) -> str:
-    """The first line whose words are not sound, to show to whoever has to mend the file."""
+    """The first line with a word that cannot be read, to be shown in the error message."""
     texts = lines.tobytes().splitlines()
     odd = next((text for text in texts if not is_sound(text.split())), texts[0])
     return repr(odd.decode(errors="replace").strip())
@@ -253,7 +253,7 @@ class _Corners:
 def write_obj(path: Path, mesh: Mesh, *, material: str = "material0") -> None:
     """Write an OBJ atomically; with texture coordinates it refers to ``material0.mtl``.
 
-    The material file and image are the caller's: the OBJ only names them.
+    The caller writes the material file and the image; the OBJ only names them.
     """
     lines = ["v {:.6f} {:.6f} {:.6f}".format(*vertex) for vertex in mesh.vertices.tolist()]
     if mesh.uv is not None and mesh.face_uv is not None:

@@ -1,4 +1,4 @@
-"""OFF and STL: the two plain formats."""
+"""Readers of the OFF and STL formats."""
 
 from __future__ import annotations
 

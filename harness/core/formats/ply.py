@@ -26,7 +26,7 @@ _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": "
 
 _MOST_HEADER_BYTES, _MOST_CORNERS = 65_536, 10_000
 
-#: A property's values, as runs of rows that are alike: (n,) of a scalar, (n, k) of lists of k.
+#: A property's values, as runs of equal rows: (n,) for scalars, (n, k) for lists of length k.
 Runs = list[NDArray[Any]]
 
 
@@ -34,7 +34,7 @@ Runs = list[NDArray[Any]]
 class _Property:
     name: str
     kind: str
-    count_kind: str = ""  # of a list
+    count_kind: str = ""  # type of a list's length
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def _triangles(tables: dict[str, dict[str, Runs]]) -> NDArray[Any]:
 
 
 def _fan(polygons: NDArray[Any]) -> NDArray[Any]:
-    """(n * (k - 2), 3) triangles of (n, k) polygons."""
+    """(n * (k - 2), 3) triangles that (n, k) polygons are cut into."""
     corners = polygons.shape[1] if polygons.ndim == 2 else 1
     if not 3 <= corners <= _MOST_CORNERS:
         raise ValueError(f"a face of {corners} corners")

@@ -1,1 +1,1 @@
-"""Running code: child processes, interrupts, names resolved late, and what a result depends on."""
+"""Running code: child processes, interrupts, lazy registries, and what a result depends on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, cast
+from typing import Any, TypeGuard
 
 from harness.core.files.hashing import canonical_json
 
@@ -11,7 +11,7 @@ __all__ = ["differences", "listed_differences"]
 
 _LONGEST = 40
 _SHOWN = 4
-#: Values of these keys are hashes: that one changed is all that can be told.
+#: Values of these keys are hashes, so only the fact that one changed can be shown.
 _HASHED = ("code", "sha256")
 _WORDS = {"code": "code of", "packages": "package", "sha256": "file"}
 
@@ -19,8 +19,8 @@ _WORDS = {"code": "code of", "packages": "package", "sha256": "file"}
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """One entry per value that is not the same, such as ``package scipy 1.17.1 -> 1.18.0``.
 
-    Nested mappings are told by their path; below ``code`` are digests by module, below
-    ``packages`` versions by name, below ``sha256`` hashes by file.
+    A nested value is named by its path. Digests of modules are below ``code``, versions of packages
+    below ``packages``, and hashes of files below ``sha256``.
     """
     return list(_walk((), before, now))
 
@@ -33,15 +33,18 @@ def listed_differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str
 
 
 def _walk(path: tuple[str, ...], before: Any, now: Any) -> Iterator[str]:
-    # As JSON, because what was read from a file has lists for tuples.
+    # Compared as JSON, because values read from a file have lists in place of tuples.
     if canonical_json(before) == canonical_json(now):
         return
-    if isinstance(before, Mapping) and isinstance(now, Mapping):
-        old, new = cast(Mapping[str, Any], before), cast(Mapping[str, Any], now)
-        for name in dict.fromkeys([*old, *new]):
-            yield from _walk((*path, name), old.get(name), new.get(name))
+    if _is_mapping(before) and _is_mapping(now):
+        for name in dict.fromkeys([*before, *now]):
+            yield from _walk((*path, name), before.get(name), now.get(name))
         return
     yield _told(path, before, now)
+
+
+def _is_mapping(value: Any) -> TypeGuard[Mapping[str, Any]]:
+    return isinstance(value, Mapping)
 
 
 def _told(path: tuple[str, ...], before: Any, now: Any) -> str:

@@ -1,7 +1,8 @@
-"""Ctrl-C and SIGTERM: a run stops at once, leaves nothing half done, and says how it goes on.
+"""Ctrl-C and SIGTERM: a run stops at once, leaves nothing half done, and says how to continue.
 
-The main thread gets an ``Interrupted``; threads that wait for workers or locks ask
-``require_not_stopped`` and get one, too. It is no ``Exception``: nothing files it as a failure.
+The main thread gets an ``Interrupted``. Threads that wait for workers or locks call
+``require_not_stopped`` and get one, too. ``Interrupted`` is not an ``Exception``, so that no code
+records it as a failure.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _received = signal.SIGINT
 
 
 def require_not_stopped() -> None:
-    """Go on only while nobody asked to stop.
+    """Do nothing unless the run was asked to stop.
 
     Raises:
         Interrupted: a signal came, or the main thread left ``in_threads``.
@@ -64,7 +65,7 @@ def stopped_by_signals() -> Generator[None]:
             # Workers notice that their parent is gone.
             os._exit(_SHELL_BASE + number)
         _received = signal.Signals(number)
-        # Told to threads as well: an exception that is raised in a callback would be lost.
+        # Threads must see it, too: an exception that is raised in a callback would be lost.
         _stop.set()
         raise Interrupted(number)
 
@@ -80,7 +81,7 @@ def stopped_by_signals() -> Generator[None]:
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> list[Result]:
     """``work`` of every item, in order, ``jobs`` at once.
 
-    When the main thread is interrupted, no further item begins and those that wait are stopped.
+    When the main thread is interrupted, no further item begins and waiting ones are stopped.
     """
 
     def one(item: Item) -> Result:
@@ -93,7 +94,7 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], jobs: int)
             try:
                 return list(pool.map(one, items))
             except KeyboardInterrupt:
-                # Python's own, where no signal is handled by ``stopped_by_signals``.
+                # Python's own exception, raised where ``stopped_by_signals`` is not active.
                 by_us = not _stop.is_set()
                 _stop.set()
                 raise

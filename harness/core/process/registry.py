@@ -1,4 +1,4 @@
-"""Names that become objects on first use, so that listing costs no import."""
+"""Lazy registries: a name becomes an object on first use, so listing names imports nothing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Registry:
         self._group = group
 
     def targets(self) -> dict[str, str]:
-        """All names with their targets; built-in ones win a clash."""
+        """All names with their targets; a built-in name takes precedence over a third party's."""
         found = (
             {point.name: point.value for point in entry_points(group=self._group)}
             if self._group
@@ -38,7 +38,7 @@ class Registry:
         return iter(self.targets())
 
     def module(self, name: str) -> str:
-        """Dotted name of the module in which a name's object is; nothing is imported.
+        """Dotted name of the module that defines a name's object; nothing is imported.
 
         Raises:
             HarnessError: as ``resolve``.

@@ -1,8 +1,8 @@
 """The source code that a result depends on, as one digest per module, found without importing it.
 
-From some modules on, every ``import`` is followed, those inside functions too, as long as it leads
-into the same packages; what lies outside is told as the version of its distribution. Comments,
-docstrings, formatting, ``__version__`` and imports for type checkers alone do not count.
+Starting from some modules, every ``import`` is followed, also inside functions, as long as it leads
+into the same packages. Other packages are represented by the version of their distribution.
+Comments, docstrings, formatting, ``__version__`` and imports only for type checkers do not count.
 
 Two kinds of text name a module without importing it. The dotted name of a worker, such as
 ``"renderers.blender.worker"``, is followed; a registry's target, such as
@@ -99,7 +99,7 @@ class SourceTree:
         return cls({**{name: beside / name for name in OUR_PACKAGES}, **other})
 
     def digest(self, roots: Sequence[str], without: Sequence[str] = ()) -> SourceDigest:
-        """The code that modules and all that they import consist of.
+        """The code of some modules and of everything that they import.
 
         Args:
             roots: Dotted names to start from.
@@ -131,7 +131,7 @@ class SourceTree:
         )
 
     def _file(self, name: str) -> Path | None:
-        """The file of a module or package; None for what is no module, such as a class in one."""
+        """The file of a module or package; None if the name is not a module, such as a class."""
         top, _, rest = name.partition(".")
         place = self._places.get(top)
         if place is None:
@@ -150,7 +150,7 @@ class _Module:
     """One file.
 
     Attributes:
-        digest: Of its code.
+        digest: Digest of its code.
         imports: Everything that it may import, as full dotted names; the last part of some is an
             object in a module.
         texts: Its strings that have the form of a dotted name.
@@ -194,10 +194,10 @@ def _parsed(path: Path, name: str, _changed_ns: int, _size: int) -> _Module:
 
 
 class _Stripped(ast.NodeTransformer):
-    """Takes away what decides nothing: docstrings, imports for type checkers, version numbers."""
+    """Removes what cannot change a result: docstrings, type-checking imports, version numbers."""
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
-        # A release counts by what it changed, not by its number.
+        # A release counts by its changed code, not by its number.
         if any(isinstance(name, ast.Name) and name.id == "__version__" for name in node.targets):
             return None
         return self.generic_visit(node)
@@ -243,18 +243,18 @@ def _place_of(top: str) -> Path:
         return Path(spec.origin)
     raise HarnessError(
         f"the source of the package '{top}' is not there",
-        hint="Records tell the code that made them: install the method as Python files",
+        hint="Records list the code that made them: install the method as Python files",
     )
 
 
 def _versions(names: Iterable[str]) -> dict[str, str]:
-    """Versions by distribution of what is imported under some top-level names."""
+    """Versions of the distributions that provide some top-level names, by distribution."""
     return dict(sorted(found for name in names for found in _distributions(name)))
 
 
 @functools.cache
 def _distributions(name: str) -> tuple[tuple[str, str], ...]:
-    """Name and version of each distribution that brings a top-level name."""
+    """Name and version of each distribution that provides a top-level name."""
     try:
         return ((name, metadata.version(name)),)
     except metadata.PackageNotFoundError:

@@ -1,7 +1,7 @@
-"""Child processes: a job file goes in, a result file and the log's tail come out.
+"""Child processes: they read a job file, and write a result file and a log.
 
-Blender, torch and Open3D never share a process; each job runs in a fresh interpreter that dies with
-its parent, so that a killed run leaves nothing behind.
+Blender, torch and Open3D never share a process. Each job runs in a fresh interpreter that ends with
+its parent, so that a killed run leaves no processes behind.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from harness.core import errors
 from harness.core.errors import HarnessError, MethodError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.process.interrupts import require_not_stopped
+from harness.core.process.steps import StepReport
 
 __all__ = ["WorkerDied", "run_worker", "worker_main"]
 
@@ -32,8 +33,6 @@ _POLL_S = 0.05
 _PARENT_POLL_S = 0.5
 _PROGRESS = re.compile(r"^@progress (\d+)/(\d+)\n", re.MULTILINE)
 _PR_SET_PDEATHSIG = 1
-
-Progress = Callable[[int, int], None]
 
 
 class WorkerDied(MethodError):
@@ -51,23 +50,23 @@ def run_worker(
     job: Mapping[str, object],
     *,
     log: Path | None = None,
-    progress: Progress | None = None,
+    progress: StepReport | None = None,
     timeout_s: float | None = None,
 ) -> dict[str, Any]:
     """The result of ``python -m module`` on a job.
 
-    A worker that wrote its result has done its job, even if it crashed on the way out, as graphics
-    drivers do.
+    A worker that wrote its result has succeeded, even if it crashes afterwards, as graphics drivers
+    do.
 
     Args:
         module: Dotted name of a module that ends in ``worker_main(handle)``.
         job: JSON values handed to it.
         log: Where its output is kept; a temporary file by default.
         progress: Called with (done, total) whenever the worker says so.
-        timeout_s: After so many seconds it is ended; None is no limit.
+        timeout_s: The worker is ended after this time; None means no limit.
 
     Raises:
-        HarnessError: the one that the worker raised, by class.
+        HarnessError: the error that the worker raised, with its class.
         WorkerDied: it ended without a result, or was ended after ``timeout_s``; with the log's
             tail.
         Interrupted: the run was stopped; so is the worker, and no other begins.
@@ -79,7 +78,7 @@ def run_worker(
         log_path.parent.mkdir(parents=True, exist_ok=True)
         write_json(job_path, {"parent": os.getpid(), "job": dict(job)})
         with log_path.open("wb") as stream:
-            # -P keeps the working folder off the path: it may hold packages named like ours.
+            # -P keeps the working folder off the path: it may contain packages with our names.
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, str(job_path), str(result_path)],
                 stdin=subprocess.DEVNULL,
@@ -105,12 +104,12 @@ def run_worker(
 def _follow(
     process: subprocess.Popen[bytes],
     log: Path,
-    progress: Progress | None,
+    progress: StepReport | None,
     timeout_s: float | None,
 ) -> bool:
-    """Wait for the end of a process, passing on what it says of its progress.
+    """Wait for a process to end and report its progress.
 
-    Whether it ended by itself, before its time was over.
+    Returns whether it ended by itself before the time limit.
     """
     end = math.inf if timeout_s is None else time.monotonic() + timeout_s
     pending = ""
@@ -129,7 +128,7 @@ def _follow(
 
 
 def _death(module: str, status: int | None, timeout_s: float | None, log: Path) -> WorkerDied:
-    """What is told of a worker without a result; ``status`` is None after a time limit."""
+    """The error for a worker without a result; ``status`` is None after a time limit."""
     tail = f"Last lines of its log:\n{_tail(log)}"
     if status is None:
         return WorkerDied(
@@ -156,12 +155,12 @@ def _tail(log: Path) -> str:
 
 
 def worker_main(
-    handle: Callable[[dict[str, Any], Progress], Mapping[str, object]],
+    handle: Callable[[dict[str, Any], StepReport], Mapping[str, object]],
 ) -> None:
     """Run a worker: read the job file, call ``handle(job, progress)``, write the result.
 
-    A ``HarnessError`` travels to the parent as what it is; anything else ends the process with its
-    traceback in the log.
+    A ``HarnessError`` is passed to the parent with its class. Any other exception ends the process,
+    and its traceback is in the log.
     """
     job_path, result_path = Path(sys.argv[1]), Path(sys.argv[2])
     document = read_json(job_path)

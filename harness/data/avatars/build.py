@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.files.hashing import derive_seed
-from harness.core.process.workers import Progress
+from harness.core.process.steps import StepReport
 from harness.data.avatars.checks import check_avatar
 from harness.data.avatars.clothes.drape import Draped, drape
 from harness.data.avatars.clothes.extras import collar, shoes
@@ -20,14 +20,20 @@ from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, border_loops, compact, triangles, vertex_normals
 from harness.data.avatars.mesh.scanner import scanned
 from harness.data.avatars.mesh.shell import Shell, cap, outer_shell
-from harness.data.avatars.people.body import SKIN_VERTICES, Body, Posed, carry, reference_body
+from harness.data.avatars.people.body import (
+    SKIN_VERTICES,
+    AvatarBody,
+    PosedAvatar,
+    carry,
+    reference_body,
+)
 from harness.data.avatars.people.deformation import deformed_body
 from harness.data.avatars.people.landmarks import trunk_axis
 from harness.data.avatars.people.poses import joint_rotations
 from harness.data.avatars.recipe import AvatarRecipe
 from harness.data.avatars.skin.bake import TEXTURE_SIZE, bake, face_labels, face_owners
 from harness.data.avatars.skin.hair import grow_hair
-from harness.data.avatars.skin.paint import painters, skin_masks
+from harness.data.avatars.skin.paint import Appearance, painters, skin_masks
 from harness.data.avatars.stored import load_drape
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
@@ -40,18 +46,20 @@ _INNER_GAP_M = 0.0025
 _SHOWN_M = 0.14
 
 
-def _skin_layer(body: Body, posed: Posed) -> Layer:
+def _skin_layer(body: AvatarBody, posed: PosedAvatar) -> Layer:
     place = np.concatenate([body.vertices, skin_masks(body)], axis=1)[:SKIN_VERTICES]
     return Layer("skin", posed.vertices[:SKIN_VERTICES], body.quads("skin"), place, solid=True)
 
 
-def _eye_layer(body: Body, posed: Posed) -> Layer:
+def _eye_layer(body: AvatarBody, posed: PosedAvatar) -> Layer:
     used, quads = np.unique(body.quads("eyes"), return_inverse=True)
     place = np.pad(body.vertices[used], ((0, 0), (0, 2)))
     return Layer("eyes", posed.vertices[used], quads.reshape(-1, 4), place, solid=True)
 
 
-def _worn_under(recipe: AvatarRecipe, body: Body, posed: Posed, skin: Nearness) -> list[Layer]:
+def _worn_under(
+    recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar, skin: Nearness
+) -> list[Layer]:
     """The front of the shirt that shows in the opening of a jacket or coat.
 
     It clings to the body, so that it is nowhere above what is worn over it.
@@ -70,7 +78,7 @@ def _worn_under(recipe: AvatarRecipe, body: Body, posed: Posed, skin: Nearness) 
 
 
 def drape_recipe(
-    recipe: AvatarRecipe, body: Body, progress: Progress | None = None
+    recipe: AvatarRecipe, body: AvatarBody, progress: StepReport | None = None
 ) -> list[Draped]:
     """The recipe's garments at rest on its posed body: as stored, else solved.
 
@@ -84,7 +92,7 @@ def drape_recipe(
 
 
 def _clothes(
-    recipe: AvatarRecipe, body: Body, posed: Posed
+    recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar
 ) -> tuple[list[Layer], list[Draped], list[Floats]]:
     """Cloth layers, the drapes they come from, and the borders to be capped."""
     skin = Nearness(body.vertices, body.quads("skin"))
@@ -104,7 +112,7 @@ def _clothes(
 
 
 def _dressed(
-    recipe: AvatarRecipe, body: Body, posed: Posed
+    recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar
 ) -> tuple[list[Layer], list[Draped], list[Floats]]:
     clothes, draped, loops = _clothes(recipe, body, posed)
     layers = [_skin_layer(body, posed), _eye_layer(body, posed), *shoes(body, posed), *clothes]
@@ -121,6 +129,19 @@ def _shrunk(layer: Layer, depth: float) -> Layer:
         return layer
     inward = depth * vertex_normals(layer.vertices, layer.faces)
     return Layer(layer.name, layer.vertices - inward, layer.faces, layer.place, True)
+
+
+def _appearance(recipe: AvatarRecipe) -> Appearance:
+    return Appearance(
+        seed=recipe.seed,
+        gender=recipe.phenotype["gender"],
+        skin=recipe.skin,
+        eyes=recipe.eyes,
+        hair=recipe.hair,
+        top=recipe.top,
+        bottom=recipe.bottom,
+        shoes=recipe.shoes,
+    )
 
 
 def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.0) -> None:
@@ -142,8 +163,9 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
     vertices, faces = outer_shell(*merge(sheets)[:2], [cap(loop) for loop in loops], shell)
     owner, nearest_vertex = face_owners(layers, vertices, faces)
     atlas = unwrap(vertices, faces, TEXTURE_SIZE)
-    label, names = face_labels(recipe, body, layers, owner, nearest_vertex)
-    texture = bake(painters(recipe, body), layers, (vertices, faces), atlas, owner)
+    looks = _appearance(recipe)
+    label, names = face_labels(looks, body, layers, owner, nearest_vertex)
+    texture = bake(painters(looks, body), layers, (vertices, faces), atlas, owner)
     seed = derive_seed(recipe.seed, "scan") % 2**31
     vertices = scanned(vertices, faces, scan_noise_mm, seed)
     mesh = TexturedMesh(vertices, faces, atlas.uv, atlas.uv_faces, label, names, texture)

@@ -8,6 +8,7 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, Ints
+from harness.geometry.topology import edges_of
 
 __all__ = ["check_avatar"]
 
@@ -16,8 +17,7 @@ _HEIGHT_M = (1.45, 2.0)
 
 
 def _euler_number(faces: Ints) -> int:
-    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, count = np.unique(sides, axis=0, return_counts=True)
+    count = edges_of(faces).counts
     if not (count == 2).all():
         raise DataError(
             "the avatar's surface is not watertight",

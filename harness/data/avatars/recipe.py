@@ -15,13 +15,14 @@ from harness.core.errors import DataError, did_you_mean
 from harness.core.files.hashing import derive_seed
 from harness.data.avatars.clothes.wardrobe import Bottom, Colour, Hair, Shoes, Top
 from harness.data.avatars.people.poses import POSES, Pose
+from harness.data.avatars.people.shape import Deformation
 from harness.data.avatars.populations import (
     WIDE_TRAINING_ID,
     sealed_ids,
     sealed_subject,
     wide_training_subject,
 )
-from harness.data.avatars.subjects import SUBJECTS, Deformation, Subject
+from harness.data.avatars.subjects import SUBJECTS, Subject
 from harness.data.avatars.training import TRAINING_ID, training_subject
 
 __all__ = ["AvatarRecipe", "recipe_for", "subject_ids"]
@@ -32,7 +33,7 @@ class AvatarRecipe:
     """One subject: phenotype (Anny's values, 0 to 1), pose, looks and clothes.
 
     ``pose`` names the pose; ``drawn_pose`` is given if it is not one of the written library, and
-    ``shape`` if the body is none that the body model can give.
+    ``shape`` if the body model cannot give the body.
     """
 
     id: str

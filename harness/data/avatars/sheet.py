@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harness.core.array_files.npz import read_required_arrays
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import RingRig
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.data.avatars.mesh.quads import Floats
-
-if TYPE_CHECKING:
-    from harness.geometry.raycast import Raycaster
+from harness.geometry.raycast import Raycaster
 
 __all__ = ["avatar_sheet"]
 
@@ -60,8 +58,6 @@ def avatar_sheet(directory: Path, name: str) -> np.ndarray:
     """
     from PIL import Image
 
-    from harness.geometry.raycast import Raycaster
-
     mesh = load_mesh(directory / f"{name}.obj", texture=True)
     middle = mesh.bounds.mean(axis=0)
     to_centre = np.eye(4)
@@ -69,8 +65,10 @@ def avatar_sheet(directory: Path, name: str) -> np.ndarray:
     mesh = mesh.transformed(to_centre)
     with Image.open(directory / "material0.jpeg") as image:
         texture = np.asarray(image.convert("RGB"), float) / 255
-    with np.load(directory / "body.npz") as data:
-        body = Mesh(data["vertices"] - middle, data["faces"], source=f"body of {name}")
+    data = read_required_arrays(
+        directory / "body.npz", ("vertices", "faces"), "avatar's body", "Make the avatar again"
+    )
+    body = Mesh(data["vertices"] - middle, data["faces"], source=f"body of {name}")
     outer, inner = Raycaster(mesh), Raycaster(body)
     cameras = RingRig().cameras(*_VIEW_PX)
     above = [_picture(outer, camera, _CLAY, texture) for camera in cameras]

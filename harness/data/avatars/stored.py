@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.files.atomic import atomic_path
+from harness.core.array_files.npz import read_required_arrays, write_npz
 from harness.core.files.hashing import content_hash
 from harness.data.avatars.clothes.drape import DrapeCheck, Draped
 from harness.data.avatars.clothes.patterns import Piece
@@ -59,18 +59,26 @@ def load_drape(
     path = folder / f"{recipe.id}.npz"
     if not path.is_file():
         return None
-    with np.load(path) as stored:
-        if str(stored["key"]) != drape_key(recipe):
+    if str(_arrays(path, ["key"])["key"]) != drape_key(recipe):
+        return None
+    names = [f"{piece.name}{end}" for piece in pieces for end in ("", "_check", "_attempt")]
+    stored = _arrays(path, names)
+    out: list[Draped] = []
+    for piece in pieces:
+        vertices = stored[piece.name].astype(float)
+        if vertices.shape != piece.vertices.shape:
             return None
-        out = []
-        for piece in pieces:
-            vertices = stored[piece.name].astype(float)
-            if vertices.shape != piece.vertices.shape:
-                return None
-            check = dict(zip(_CHECKS, stored[f"{piece.name}_check"].tolist(), strict=True))
-            attempt = int(stored[f"{piece.name}_attempt"])
-            out.append(Draped(piece, vertices, DrapeCheck(**check), attempt))
-        return out
+        check = dict(zip(_CHECKS, stored[f"{piece.name}_check"].tolist(), strict=True))
+        attempt = int(stored[f"{piece.name}_attempt"])
+        out.append(Draped(piece, vertices, DrapeCheck(**check), attempt))
+    return out
+
+
+def _arrays(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """The arrays of some names in a stored drape, all of them."""
+    return read_required_arrays(
+        path, names, content="drape of an avatar's clothes", hint="Install the package again"
+    )
 
 
 def save_drape(recipe: AvatarRecipe, draped: Sequence[Draped], folder: Path = _FOLDER) -> Path:
@@ -83,6 +91,5 @@ def save_drape(recipe: AvatarRecipe, draped: Sequence[Draped], folder: Path = _F
         )
         arrays[f"{item.piece.name}_attempt"] = np.array(item.attempt)
     path = folder / f"{recipe.id}.npz"
-    with atomic_path(path) as temporary:
-        np.savez_compressed(temporary, **arrays)
+    write_npz(path, arrays)
     return path

@@ -26,21 +26,9 @@ from harness.data.avatars.clothes.wardrobe import (
     wide_trousers,
 )
 from harness.data.avatars.people.poses import Pose
+from harness.data.avatars.people.shape import Deformation
 
-__all__ = ["SUBJECTS", "Deformation", "Person", "Subject"]
-
-
-@dataclass(frozen=True)
-class Deformation:
-    """How a body differs from all that the body model can give (see ``deformation``).
-
-    seed; rms_m: root mean square of the movement over the skin that moves; bump_m: how far apart
-    bumps are.
-    """
-
-    seed: int
-    rms_m: float
-    bump_m: float
+__all__ = ["SUBJECTS", "Person", "Subject"]
 
 
 @dataclass(frozen=True)

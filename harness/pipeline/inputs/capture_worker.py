@@ -2,28 +2,48 @@
 
 from __future__ import annotations
 
-from harness.core.process.workers import Progress, worker_main
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from harness.core.process.steps import StepReport
+from harness.core.process.workers import worker_main
 from harness.pipeline.inputs.sources import Source
 
-__all__ = ["handle"]
+__all__ = ["CaptureJob", "handle"]
 
 
-def handle(job: dict[str, object], progress: Progress) -> dict[str, object]:
-    """Make what is missing; the capture's key, folder and warnings."""
-    source = Source.from_job(job["source"], str(job["subject"]))  # type: ignore[arg-type]
-    subject = source.subjects[0]
-    if job["only_scan"]:
-        return {
-            "made": source.make_avatar(subject),
-            "directory": str(source.avatar_directory(subject)),
-        }
-    capture = source.ensure_capture(subject, progress)
-    return {
-        "key": capture.key,
-        "directory": str(capture.directory),
-        "warnings": list(capture.warnings),
-        "proof": capture.provenance.get("proof"),
-    }
+@dataclass(frozen=True, slots=True)
+class CaptureJob:
+    """What to make of one subject.
+
+    Attributes:
+        source: The dataset and the recipe, with this subject alone.
+        only_scan: Whether the avatar is enough, without photos.
+    """
+
+    source: Source
+    only_scan: bool = False
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {"source": self.source.to_dict(), "only_scan": self.only_scan}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> CaptureJob:
+        """The job behind ``to_dict``."""
+        return cls(Source.from_dict(values["source"]), values["only_scan"])
+
+
+def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
+    """Make what is missing; everything that the caller wants to know is on disk then."""
+    asked = CaptureJob.from_dict(job)
+    for subject in asked.source.subjects:
+        if asked.only_scan:
+            asked.source.make_avatar(subject)
+        else:
+            asked.source.ensure_capture(subject, report)
+    return {}
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -10,6 +9,9 @@ from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
+from harness.data.avatars import avatar_sheet
+from harness.geometry.images import save_png
+from harness.pipeline.inputs.capture_worker import CaptureJob
 from harness.pipeline.inputs.sealed import Look, admit, announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, Silent, counted
@@ -23,15 +25,15 @@ _WORKER = "harness.pipeline.inputs.capture_worker"
 
 @dataclass(frozen=True, slots=True)
 class CaptureOutcome:
-    """What became of one subject's photos or scan.
+    """How making one subject's photos or scan ended.
 
     Attributes:
         subject: Its id.
         state: ``made now``, ``cached`` or ``failed``.
-        directory: Where it lies.
+        directory: The folder of the photos or the scan.
         proof: The renderer's proof that the cameras are exact, as in ``capture.json``.
         warnings: For instance views in which the frame cuts the subject.
-        failure: Why it failed; empty when it did not.
+        failure: Why it failed; empty after a success.
     """
 
     subject: str
@@ -56,17 +58,18 @@ def photograph(
     """One subject's photos, made in a child process if they are not there or stale.
 
     Args:
-        source: Of the subject.
+        source: The dataset and the recipe of the subject.
         subject: Its id.
-        progress: Told of every view.
+        progress: Hears of every view.
         timeout_s: How long making them may take; None is no limit.
 
     Raises:
         HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
     """
     if source.capture_state(subject)[0] != "cached":
-        job = {"source": source.to_job(), "subject": subject, "only_scan": False}
-        run_worker(_WORKER, job, progress=counted(progress, PHOTOS), timeout_s=timeout_s)
+        job = CaptureJob(source.only(subject))
+        report = counted(progress, PHOTOS)
+        run_worker(_WORKER, job.to_dict(), progress=report, timeout_s=timeout_s)
     return Capture.load(source.capture_directory(subject))
 
 
@@ -76,9 +79,9 @@ def render_all(
     """The photos of all subjects of a source; one that fails does not stop the others.
 
     Args:
-        source: Of the subjects.
+        source: The subjects and their recipe.
         jobs: Subjects at once.
-        progress: Told of every view.
+        progress: Hears of every view.
         timeout_s: How long one subject may take; None is no limit.
     """
     source.root()
@@ -103,7 +106,7 @@ def _state(source: Source, subject: str) -> str:
     try:
         return source.capture_state(subject)[0]
     except HarnessError:
-        # Told again, as this subject's own failure, when its photos are to be made.
+        # The same error becomes this subject's own failure when its photos are made.
         return "missing"
 
 
@@ -114,9 +117,6 @@ def show_avatar(source: Source, path: Path, progress: Progress, reason: str = ""
         HarnessError: the dataset is not one that is generated, or it is sealed and there is no
             reason to look at it.
     """
-    from harness.data.avatars import avatar_sheet
-    from harness.geometry.images import save_png
-
     look = Look("contact sheet", source.name, source.subjects[:1], reason)
     admit(source.manifest, source.workspace, look, progress)
     outcome = make_avatars(source, 1, Silent())[0]
@@ -145,13 +145,8 @@ def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureO
         directory = str(source.avatar_directory(subject))
         if subject not in waiting:
             return CaptureOutcome(subject, "cached", directory)
-        job: Mapping[str, object] = {
-            "source": source.to_job(),
-            "subject": subject,
-            "only_scan": True,
-        }
         try:
-            run_worker(_WORKER, job)
+            run_worker(_WORKER, CaptureJob(source.only(subject), only_scan=True).to_dict())
         except HarnessError as error:
             return CaptureOutcome(subject, "failed", directory, failure=str(error))
         finally:

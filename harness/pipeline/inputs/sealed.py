@@ -1,8 +1,8 @@
-"""The sealed split: nobody looks at it without a reason, and every look is written down.
+"""The sealed split: nobody looks at it without a reason, and every look is logged.
 
 A dataset is sealed by ``sealed: true`` in the manifest. Making and rendering it is only announced;
 evaluating it, scoring meshes on it and drawing it needs a reason and adds a line to the log, before
-the work begins, so that a look that is broken off is in the log as well.
+the work begins, so that an interrupted look is in the log as well.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import exclusive_lock, write_text
 from harness.data.manifest import Manifest
+from harness.pipeline.inputs.environment import SEALED_LOG, checkout, environment, utc_now
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
-from harness.pipeline.run.environment import SEALED_LOG, checkout, environment, utc_now
 
 __all__ = ["Look", "admit", "announce", "log_path", "refuse"]
 
@@ -38,7 +38,7 @@ class Look:
         subjects: Which of its subjects.
         reason: Why; may be empty where the dataset is not sealed.
         methods: Whose results are seen.
-        recipe: Of the photos; empty where there are none.
+        recipe: Recipe of the photos; empty where there are none.
     """
 
     what: str
@@ -59,7 +59,7 @@ def announce(manifest: Manifest, dataset: str, progress: Progress) -> None:
 
 
 def admit(manifest: Manifest, workspace: Workspace, look: Look, progress: Progress) -> Path | None:
-    """Let a look at a dataset pass; a look at sealed data is announced and logged.
+    """Allow a look at a dataset; a look at sealed data is announced and logged.
 
     Returns:
         The log that a line was added to, or None if the dataset is not sealed.
@@ -105,10 +105,10 @@ def log_path(workspace: Workspace) -> Path:
 
 def _row(look: Look) -> str:
     made = environment()
-    commit = str(made["commit"])[:12] if made["commit"] else f"version {made['harness']}"
+    commit = made.commit[:12] if made.commit else f"version {made.harness}"
     cells = (
         utc_now(),
-        f"{commit} (dirty)" if made["dirty"] else commit,
+        f"{commit} (dirty)" if made.dirty else commit,
         look.what,
         look.reason,
         ", ".join(look.methods),

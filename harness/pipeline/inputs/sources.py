@@ -5,19 +5,22 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import exclusive_lock, read_json, remove_leftovers
 from harness.core.mesh import Mesh
 from harness.core.process.differences import listed_differences
-from harness.core.process.workers import Progress as Steps
+from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
+from harness.data.avatars import AVATARS_VERSION, make_avatar, recipe_for
 from harness.data.manifest import Manifest, load_manifest
 from harness.data.scans import load_scan, locate_scan
 from harness.pipeline.inputs.workspace import Workspace
+from renderers.capture import CaptureInputs, capture
 
 __all__ = ["Source"]
 
@@ -84,8 +87,6 @@ class Source:
         """Whether a generated subject is there, made by this generator from the recipe that its id
         has now, with the same noise.
         """
-        from harness.data.avatars import AVATARS_VERSION, recipe_for
-
         mark = self.avatar_directory(subject) / "avatar.json"
         made = read_json(mark) if mark.is_file() else {}
         return (made.get("version"), made.get("scan_noise_mm", 0.0)) == (
@@ -95,8 +96,6 @@ class Source:
 
     def make_avatar(self, subject: str) -> bool:
         """Make a generated subject unless it is there already; whether it was made now."""
-        from harness.data.avatars import make_avatar, recipe_for
-
         recipe = recipe_for(subject)
         directory = self.avatar_directory(subject)
         with exclusive_lock(directory.parent / f".{subject}.lock"):
@@ -132,8 +131,6 @@ class Source:
         Raises:
             DataError: the scan is not there.
         """
-        from renderers.capture import CaptureInputs
-
         if self.is_generated and not self.avatar_is_current(subject):
             return "missing", "avatar has to be made"
         directory = self.capture_directory(subject)
@@ -152,14 +149,12 @@ class Source:
         damage = found.damage()
         return ("stale", damage) if damage else ("cached", "")
 
-    def ensure_capture(self, subject: str, steps: Steps) -> Capture:
+    def ensure_capture(self, subject: str, report: StepReport) -> Capture:
         """The subject's photos, rendered now if they are not there or stale.
 
         Raises:
             HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
         """
-        from renderers.capture import capture
-
         if self.is_generated:
             self.make_avatar(subject)
         directory = self.capture_directory(subject)
@@ -167,25 +162,34 @@ class Source:
             if self.capture_state(subject)[0] != "cached":
                 remove_leftovers(directory)
                 scan, mesh = self.load(subject)
-                capture(scan, mesh, self.recipe, directory, steps)
+                capture(scan, mesh, self.recipe, directory, report)
             return Capture.load(directory)
 
-    def to_job(self) -> dict[str, object]:
-        """What a worker needs to make the same source for one subject."""
+    def only(self, subject: str) -> Source:
+        """The same source with one of its subjects."""
+        return replace(self, subjects=(subject,))
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values, from which a worker makes the same source; the recipe goes by name."""
         return {
             "manifest": str(self.manifest_path),
             "workspace": str(self.workspace.root),
             "dataset": self.name,
+            "subjects": list(self.subjects),
             "recipe": self.recipe.name,
         }
 
     @classmethod
-    def from_job(cls, job: Mapping[str, object], subject: str) -> Source:
-        """The source in a worker, restricted to one subject."""
-        manifest = _manifest(Path(str(job["manifest"])))
-        workspace = Workspace(Path(str(job["workspace"])))
-        recipe = manifest.recipe(str(job["recipe"]))
-        return cls(manifest.path, workspace, str(job["dataset"]), (subject,), recipe)
+    def from_dict(cls, values: Mapping[str, Any]) -> Source:
+        """The source behind ``to_dict``.
+
+        Raises:
+            HarnessError: the manifest is gone, or has no such recipe any more.
+        """
+        manifest = _manifest(Path(values["manifest"]))
+        workspace = Workspace(Path(values["workspace"]))
+        recipe = manifest.recipe(values["recipe"])
+        return cls(manifest.path, workspace, values["dataset"], tuple(values["subjects"]), recipe)
 
 
 @functools.lru_cache(maxsize=4)

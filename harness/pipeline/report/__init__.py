@@ -1,1 +1,1 @@
-"""Tables, figures and pages of a run: records are read here and handed to the reports."""
+"""Tables, figures and pages of a run: records are read here and passed to the reports."""

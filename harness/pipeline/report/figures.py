@@ -1,26 +1,42 @@
-"""Figures of a run: loads photos, scans and meshes, measures errors, hands them to the reports."""
+"""Figures of a run: loads photos, scans and meshes, measures errors, passes them to the reports."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harness.core.arrays import Floats
 from harness.core.errors import DataError, HarnessError
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.records import Record
+from harness.core.truth import face_regions, true_body
 from harness.core.units import MM_PER_METRE, UNITS_RULE
+from harness.geometry.surface import SurfaceIndex
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.report.normal_figure import normals
+from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
 from harness.pipeline.run.store import RunStore
-
-if TYPE_CHECKING:
-    from reports.figures.failures import FailureRow
-    from reports.figures.shading import ErrorScale
+from metrics.regions import FAR_MM
+from reports.figures.body_overlay import body_overlay
+from reports.figures.comparison import (
+    MethodMesh,
+    SubjectPanels,
+    overlay_figure,
+    qualitative_grid,
+)
+from reports.figures.failures import (
+    FailedMesh,
+    FailurePanel,
+    FailureRow,
+    failure_grid,
+    worst_region,
+    worst_subjects,
+)
+from reports.figures.shading import ErrorScale
 
 __all__ = ["FIGURES", "bodies", "failures", "overlay", "qualitative"]
 
@@ -38,13 +54,12 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
     Raises:
         HarnessError: no method did.
     """
-    from reports.figures.comparison import MethodMesh, SubjectPanels, qualitative_grid
-
     titles = _complete_methods(records, source.subjects)
-    panels, largest = [], _LEAST_SCALE_MM
+    panels: list[SubjectPanels] = []
+    largest = _LEAST_SCALE_MM
     for subject in source.subjects:
         _, truth = source.load(subject)
-        meshes = []
+        meshes: list[MethodMesh] = []
         for method, title in titles.items():
             mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
             errors = _vertex_errors_mm(mesh, truth)
@@ -58,8 +73,6 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
 
 def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
     """The mesh of the first method that succeeded, over all photos of the first subject."""
-    from reports.figures.comparison import overlay_figure
-
     subject = source.subjects[0]
     method = next(iter(_complete_methods(records, (subject,))))
     mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
@@ -73,26 +86,23 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     Raises:
         HarnessError: no method fitted a body to it.
     """
-    from harness.pipeline.scoring.bodies import TrueBody
-    from reports.figures.body_overlay import body_overlay
-    from reports.figures.comparison import MethodMesh
-
     subject = source.subjects[0]
     scan, _ = source.load(subject)
-    rows, faces = [], None
+    rows: list[MethodMesh] = []
     for method, title in _complete_methods(records, (subject,)).items():
         record = _record(records, method, subject)
-        if "body.npz" in record.files:
-            with np.load(store.result(record, "body.npz"), allow_pickle=False) as arrays:
-                faces = arrays["faces"]
-                rows.append(MethodMesh(title, Mesh(arrays["vertices"], faces, source=title)))
-    if faces is None:
+        if BODY_FILE in record.files:
+            body = load_body_mesh(store.result(record, BODY_FILE), source=title)
+            rows.append(MethodMesh(title, body))
+    if not rows:
         raise HarnessError(
             f"no method fitted a body to {subject}", hint="Run 'harness eval --method jmbo8'"
         )
-    true = TrueBody.of(scan)
-    same = true is not None and len(true.vertices) == len(rows[0].mesh.vertices)
-    truth = Mesh(true.vertices, faces, source="true body") if true and same else None
+    true = true_body(scan)
+    fitted = rows[-1].mesh
+    truth = None
+    if true is not None and len(true.vertices) == len(rows[0].mesh.vertices):
+        truth = Mesh(true.vertices, fitted.faces, source="true body")
     body_overlay(rows, truth, source.capture(subject), path)
     return path
 
@@ -103,25 +113,22 @@ def failures(store: RunStore, source: Source, records: Sequence[Record], path: P
     The last colour stands for the distance from which on surface counts as missing or bulging.
 
     Raises:
-        HarnessError: no record of these subjects tells errors by region.
+        HarnessError: no record of these subjects has errors by region.
         DataError: the labels of a scan are gone since it was scored.
     """
-    from metrics.regions import FAR_MM
-    from reports.figures.failures import failure_grid, worst_region, worst_subjects
-
-    told = {
+    shown = {
         (record.method_name, record.subject): record
         for record in records
         if record.subject in source.subjects and _is_rival(record) and worst_region(record)
     }
-    if not told:
+    if not shown:
         raise HarnessError(
-            f"no record of {', '.join(source.subjects[:4])} tells errors by region",
+            f"no record of {', '.join(source.subjects[:4])} has errors by region",
             hint="Evaluate subjects whose scans have labels; records of earlier versions lack them",
         )
-    chosen = worst_subjects(told.values(), _MOST_FAILURES)
-    titles = {record.method_name: str(record.method["title"]) for record in told.values()}
-    rows = [_failure_row(store, source, subject, titles, told) for subject in chosen]
+    chosen = worst_subjects(shown.values(), _MOST_FAILURES)
+    titles = {record.method_name: record.method.title for record in shown.values()}
+    rows = [_failure_row(store, source, subject, titles, shown) for subject in chosen]
     failure_grid(rows, path, _scale(source, FAR_MM))
     return path
 
@@ -131,18 +138,15 @@ def _failure_row(
     source: Source,
     subject: str,
     titles: Mapping[str, str],
-    told: Mapping[tuple[str, str], Record],
+    shown: Mapping[tuple[str, str], Record],
 ) -> FailureRow:
-    from harness.pipeline.scoring.meshes import labelled_faces
-    from reports.figures.failures import FailedMesh, FailurePanel, FailureRow, worst_region
-
     scan, truth = source.load(subject)
-    regions = labelled_faces(scan, truth)
+    regions = face_regions(scan, truth)
     if regions is None:
         raise DataError(f"the scan of {subject} has no labels any more")
-    panels = []
+    panels: list[FailurePanel] = []
     for method, title in titles.items():
-        record = told.get((method, subject))
+        record = shown.get((method, subject))
         failure = worst_region(record) if record else None
         found = None
         if record and failure:
@@ -172,9 +176,8 @@ def _record(records: Sequence[Record], method: str, subject: str) -> Record:
 
 
 def _is_rival(record: Record) -> bool:
-    """Whether it has a mesh that was not handed the truth, which has its own place."""
-    given: Sequence[str] = record.method["privileges"]  # type: ignore[assignment]
-    return record.status == "ok" and Privilege.GROUND_TRUTH_MESH not in given
+    """Whether it has a mesh of a method that was not given the truth, which is shown apart."""
+    return record.status == "ok" and Privilege.GROUND_TRUTH_MESH not in record.privileges
 
 
 def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dict[str, str]:
@@ -183,7 +186,7 @@ def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dic
     done: dict[str, set[str]] = {}
     for record in records:
         if _is_rival(record):
-            titles[record.method_name] = str(record.method["title"])
+            titles[record.method_name] = record.method.title
             done.setdefault(record.method_name, set()).add(record.subject)
     complete = {name: title for name, title in titles.items() if done[name] >= set(subjects)}
     if not complete:
@@ -196,15 +199,12 @@ def _complete_methods(records: Sequence[Record], subjects: Sequence[str]) -> dic
 
 def _scale(source: Source, limit_mm: float) -> ErrorScale:
     """Colours up to a limit; their label says where mm are no real millimetres."""
-    from reports.figures.shading import ErrorScale
-
     if source.scale_rule == UNITS_RULE:
         return ErrorScale(limit_mm, "distance to the true surface (thousandths of a scan unit)")
     return ErrorScale(limit_mm)
 
 
-def _vertex_errors_mm(mesh: Mesh, truth: Mesh) -> np.ndarray:
-    from harness.geometry.surface import SurfaceIndex
-
+def _vertex_errors_mm(mesh: Mesh, truth: Mesh) -> Floats:
+    """(V,) distance of each vertex from the true surface."""
     _, distances = SurfaceIndex(truth).closest(mesh.vertices)
     return distances * MM_PER_METRE

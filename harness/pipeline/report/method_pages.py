@@ -5,32 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
-from harness.core.errors import HarnessError
 from harness.core.protocols import MethodInfo
-from harness.pipeline.run.plan import resolve_method
 
-__all__ = ["described", "known_methods", "markdown_pages", "text_page"]
+__all__ = ["markdown_pages", "text_page"]
 
 _WIDTH = 100
-
-
-def known_methods() -> tuple[str, ...]:
-    """The names of all methods, third parties' included."""
-    from methods.catalog import METHODS
-
-    return tuple(METHODS)
-
-
-def described(names: Sequence[str]) -> tuple[dict[str, MethodInfo], dict[str, str]]:
-    """What each method says of itself, and why some cannot say it, by name."""
-    infos: dict[str, MethodInfo] = {}
-    failures: dict[str, str] = {}
-    for name in names:
-        try:
-            infos[name] = resolve_method(name, {}).info
-        except HarnessError as error:
-            failures[name] = str(error)
-    return infos, failures
 
 
 def text_page(info: MethodInfo) -> str:
@@ -56,7 +35,7 @@ def text_page(info: MethodInfo) -> str:
     return "\n".join(lines)
 
 
-def markdown_pages(infos: Mapping[str, MethodInfo]) -> str:
+def markdown_pages(infos: Sequence[MethodInfo]) -> str:
     """All methods as one Markdown document: a table, then settings and deviations of each."""
     lines = [
         "# Methods",
@@ -66,11 +45,11 @@ def markdown_pages(infos: Mapping[str, MethodInfo]) -> str:
         "| name | title | views | given beyond pixels | deviations |",
         "|---|---|---|---|---:|",
     ]
-    for info in infos.values():
+    for info in infos:
         given = ", ".join(privilege.label for privilege in info.privileges)
         cells = (f"`{info.name}`", info.title, _views(info), given, str(len(info.deviations)))
         lines.append(f"| {' | '.join(cells)} |")
-    for info in infos.values():
+    for info in infos:
         lines += ["", *_markdown_page(info)]
     return "\n".join(lines) + "\n"
 

@@ -1,20 +1,21 @@
-"""The normals figure of a run: loads maps and scans, compares them, hands them to the reports."""
+"""The normals figure of a run: loads maps and scans, compares them, passes them to the reports."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from harness.core.artifacts import NormalMaps
 from harness.core.errors import HarnessError
 from harness.core.records import Record
+from harness.geometry.raycast import Raycaster, Side
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.run.result_files import NORMALS_FILE, load_normals
 from harness.pipeline.run.store import RunStore
-
-if TYPE_CHECKING:
-    from harness.geometry.sides import Side, SidedRaycaster
-    from reports.figures.normal_grid import NormalPanels, NormalRow
+from harness.pipeline.scoring.normals import true_normals
+from metrics.normal_maps import angular_error_map
+from reports.figures.normal_grid import NormalPanels, NormalRow, normal_grid
+from reports.tables.normals import headline
 
 __all__ = ["normals"]
 
@@ -22,28 +23,24 @@ __all__ = ["normals"]
 def normals(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
     """Normal maps of the first method that has them for all of the source's subjects.
 
-    Of a method with maps in several photos their near sides are shown; of a method with one photo
+    A method with maps in several photos shows their near sides; a method with one photo
     both sides.
 
     Raises:
         HarnessError: no method has maps of all subjects.
     """
-    from reports.figures.normal_grid import normal_grid
-
     chosen = _first_complete(records, source.subjects)
     normal_grid([_row(store, source, record) for record in chosen], path)
     return path
 
 
 def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[Record]:
-    """The records, by subject, of the first method that tells of normal maps on all of them."""
-    from reports.tables.normals import normals_of
-
-    told: dict[str, dict[str, Record]] = {}
+    """The records, by subject, of the first method with normal maps of all of them."""
+    by_method: dict[str, dict[str, Record]] = {}
     for record in records:
-        if record.status == "ok" and normals_of(record):
-            told.setdefault(record.method_name, {})[record.subject] = record
-    for found in told.values():
+        if record.status == "ok" and record.normal_maps:
+            by_method.setdefault(record.method_name, {})[record.subject] = record
+    for found in by_method.values():
         if found.keys() >= set(subjects):
             return [found[subject] for subject in subjects]
     raise HarnessError(
@@ -53,13 +50,9 @@ def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[
 
 
 def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
-    from harness.geometry.sides import SidedRaycaster
-    from harness.pipeline.run.normal_files import load_normals
-    from reports.figures.normal_grid import NormalRow
-
-    views = load_normals(store.result(record, "normals.npz"))
+    views = load_normals(store.result(record, NORMALS_FILE))
     _, truth = source.load(record.subject)
-    caster = SidedRaycaster(truth.geometry())
+    caster = Raycaster(truth.geometry())
     shown: list[tuple[NormalMaps, Side]] = [(maps, "near") for maps in views]
     if len(views) == 1:
         shown.append((views[0], "far"))
@@ -69,12 +62,7 @@ def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     )
 
 
-def _panels(record: Record, maps: NormalMaps, side: Side, scan: SidedRaycaster) -> NormalPanels:
-    from harness.pipeline.scoring.normals import true_normals
-    from metrics.normal_maps import angular_error_map
-    from reports.figures.normal_grid import NormalPanels
-    from reports.tables.normals import headline
-
+def _panels(record: Record, maps: NormalMaps, side: Side, scan: Raycaster) -> NormalPanels:
     true = true_normals(scan, maps, side)
     estimate = maps.front if side == "near" else maps.back
     found = headline(record, maps.view, side)
@@ -84,5 +72,6 @@ def _panels(record: Record, maps: NormalMaps, side: Side, scan: SidedRaycaster) 
         side=side,
         true=true.normals,
         errors_deg=angular_error_map(estimate, true.normals, true.compared),
-        told=(found.body, found.estimate),
+        body_text=found.body,
+        estimate_text=found.estimate,
     )

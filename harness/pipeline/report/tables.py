@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.atomic import write_text
 from harness.core.records import Record
+from methods.catalog import METHODS
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.published.table import published_differences, published_means
+from reports.statistics import bootstrap_ends
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 from reports.tables.jmbo import jmbo_table
@@ -22,9 +23,6 @@ from reports.tables.normals import normals_table
 from reports.tables.paired import paired_table
 from reports.tables.regions import regions_table
 from reports.tables.table import Table
-
-if TYPE_CHECKING:
-    from reports.statistics import Interval as BootstrapInterval
 
 __all__ = [
     "FORMATS",
@@ -40,18 +38,12 @@ __all__ = [
 T = TypeVar("T")
 
 
-def _sign_flip(differences: Sequence[float]) -> float:
-    from reports.statistics import sign_flip_p_value
-
-    return sign_flip_p_value(differences)
-
-
 #: The table of the authors' own results, which needs no run.
 PUBLISHED_TABLE = "published"
 #: Tables of a run by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
-    "paired": partial(paired_table, p_value=_sign_flip),
+    "paired": paired_table,
     "cost": cost_table,
     "jmbo": jmbo_table,
     "regions": regions_table,
@@ -109,11 +101,12 @@ def build_published(request: ReportRequest) -> str:
         HarnessError: an unknown format, method or subject, or nothing to compare.
     """
     write, _ = _known("format", request.format, FORMATS)
-    chosen = {"methods": request.methods, "subjects": request.subjects}
     if request.paired:
-        table = published_differences(p_value=_sign_flip, interval=_percentiles, **chosen)
+        table = published_differences(methods=request.methods, subjects=request.subjects)
     else:
-        table = published_means(interval=_percentiles if request.interval else None, **chosen)
+        table = published_means(
+            methods=request.methods, subjects=request.subjects, intervals=request.interval
+        )
     return _written(table, write)
 
 
@@ -156,7 +149,7 @@ def _table(records: Sequence[Record], request: ReportRequest) -> Table:
         records,
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,
-        interval=_bootstrap if request.interval else None,
+        interval=bootstrap_ends if request.interval else None,
         published=request.published,
     )
 
@@ -182,27 +175,6 @@ def _known(kind: str, name: str, known: Mapping[str, T]) -> T:
 
 
 def _catalogue_order(records: Sequence[Record]) -> list[str]:
-    from methods.catalog import METHODS
-
     present = dict.fromkeys(record.method_name for record in records)
     catalogued = [name for name in METHODS if name in present]
     return [*catalogued, *(name for name in present if name not in catalogued)]
-
-
-def _bootstrap(values: Sequence[float]) -> tuple[float, float]:
-    from reports.statistics import bootstrap_interval
-
-    return _ends(bootstrap_interval(values))
-
-
-def _percentiles(values: Sequence[float]) -> tuple[float, float]:
-    from reports.statistics import bootstrap_interval
-
-    # So many that the ends do not move in the digits that are usually quoted.
-    return _ends(bootstrap_interval(values, method="percentile", resamples=200_000))
-
-
-def _ends(found: BootstrapInterval) -> tuple[float, float]:
-    if found.low is None or found.high is None:
-        raise HarnessError("an interval needs at least two subjects", got=f"{found.n}")
-    return found.low, found.high

@@ -1,13 +1,12 @@
 """One method on one subject: what it is lent, and how its result is scored.
 
-All of this decides a record's numbers, and its import closure is in every record's key: what only
-plans, files or times a run does not belong here.
+All of this decides a record's numbers, and the code that it imports counts in every record's key.
+Code that only plans, files or times a run therefore does not belong here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import MethodError
@@ -15,14 +14,15 @@ from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
-from harness.core.records import MetricValue
+from harness.core.results import Scores
 from harness.core.settings import MetricProtocol
-from harness.pipeline.run.oracle_normals import OracleNormals
-from harness.pipeline.scoring.bodies import TrueBody, body_metrics
-from harness.pipeline.scoring.meshes import labelled_faces, scored
-from harness.pipeline.scoring.normals import normal_details
+from harness.core.truth import TrueBody, face_regions, true_body
+from harness.pipeline.inputs.oracle_normals import OracleNormals
+from harness.pipeline.scoring.bodies import body_errors
+from harness.pipeline.scoring.meshes import mesh_scores
+from harness.pipeline.scoring.normals import normal_map_errors
 
-__all__ = ["Scores", "Truth", "lent_to", "scores_of", "seed_for"]
+__all__ = ["Truth", "lent_to", "scores_of", "seed_for"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +30,8 @@ class Truth:
     """What a result is compared with.
 
     Attributes:
-        scan: Where it lies; its labels have been read once.
-        mesh: Its surface, world metres.
+        scan: The scan's files; its labels have been read once.
+        mesh: The scan's surface, world metres.
         body: The true body, where the dataset has it.
     """
 
@@ -46,16 +46,8 @@ class Truth:
         Raises:
             DataError: a body or labels that cannot be read or are not the scan's.
         """
-        labelled_faces(scan, mesh)
-        return cls(scan, mesh, TrueBody.of(scan))
-
-
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """The numbers of a result: metrics by id, and what a record tells besides."""
-
-    metrics: Mapping[str, MetricValue]
-    details: Mapping[str, object]
+        face_regions(scan, mesh)
+        return cls(scan, mesh, true_body(scan))
 
 
 def seed_for(root_seed: int, method: MethodInfo, subject: str) -> int:
@@ -93,11 +85,11 @@ def scores_of(
     # As it is filed: without texture coordinates, whose seams could split its normals. And however
     # large or far away: it is what the method made.
     mesh = result.mesh.geometry()
-    outcome, told = scored(mesh, truth.scan, truth.mesh, protocol, misplaced="tell")
-    metrics = dict(outcome.metrics)
-    details = {**result.details, **told}
+    scores = mesh_scores(mesh, truth.scan, truth.mesh, protocol, misplaced="tell")
     if result.body:
-        metrics |= body_metrics(result.body, capture, truth.mesh, truth.body)
+        errors = body_errors(result.body, capture, truth.mesh, truth.body)
+        scores = replace(scores, metrics={**scores.metrics, **errors.by_id()})
     if result.normals:
-        details |= normal_details(result.normals, truth.scan, truth.mesh)
-    return Scores(metrics, details)
+        maps = normal_map_errors(result.normals, truth.scan, truth.mesh)
+        scores = replace(scores, normal_maps=maps)
+    return scores

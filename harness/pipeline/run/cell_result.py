@@ -1,13 +1,15 @@
-"""What a worker tells of one cell, as it travels from process to process."""
+"""What a worker returns about one cell, as it travels from process to process."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 from harness.core.artifacts import StageCost
-from harness.core.records import MetricValue, Status
+from harness.core.formats.typed_json import from_json, to_json
+from harness.core.records import Environment, Status
+from harness.core.results import Scores
 
 __all__ = ["CellResult"]
 
@@ -21,26 +23,29 @@ class CellResult:
             and nothing may be filed.
         reason: Why not ``ok``.
         by_method: Whether a failure is the method's own; others never replace a good record.
-        metrics, stages, details, files: As in ``Record``.
-        environment: Of the worker; empty where there was none.
+        scores: The numbers; none unless ``ok``.
+        stages, details, files: As in ``Record``.
+        environment: The worker's; None where there was no worker.
     """
 
     status: Status | Literal["changed"]
     reason: str = ""
     by_method: bool = True
-    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
+    scores: Scores = field(default_factory=Scores)
     stages: tuple[StageCost, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict[str, object])
     files: Mapping[str, str] = field(default_factory=dict[str, str])
-    environment: Mapping[str, object] = field(default_factory=dict[str, object])
+    environment: Environment | None = None
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
-        return asdict(self)
+        return to_json(self)
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> CellResult:
-        """The result behind ``to_dict``."""
-        metrics = {name: MetricValue(**value) for name, value in told["metrics"].items()}
-        stages = tuple(StageCost(**stage) for stage in told["stages"])
-        return cls(**{**told, "metrics": metrics, "stages": stages})
+    def from_dict(cls, values: Mapping[str, object]) -> CellResult:
+        """The result behind ``to_dict``.
+
+        Raises:
+            DataError: the values are not those of a result.
+        """
+        return from_json(cls, values, "the worker's answer", "a cell's result")

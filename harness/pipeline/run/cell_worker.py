@@ -1,7 +1,7 @@
 """Runs in a child process: one method on one subject, scored, with what it cost.
 
-It is told what its record will be filed under, and tells at the end whether photos, scan and code
-have been that all the time.
+The job says what the record will be filed under, and the result says whether photos, scan and code
+were the same from the beginning to the end.
 """
 
 from __future__ import annotations
@@ -13,31 +13,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from harness.core.artifacts import Body, Capture, Reconstruction, Scan
+from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import HarnessError, MethodError, MissingPart
-from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.process.differences import listed_differences
-from harness.core.process.workers import Progress, worker_main
-from harness.core.protocols import Context, Method
-from harness.core.settings import MetricProtocol
-from harness.pipeline.inputs.sources import Source
+from harness.core.process.steps import StepReport
+from harness.core.process.workers import worker_main
+from harness.core.protocols import Context
+from harness.pipeline.inputs.environment import environment
 from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
+from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
 from harness.pipeline.run.cost import StageMeter
-from harness.pipeline.run.environment import environment
-from harness.pipeline.run.normal_files import save_normals
-from harness.pipeline.run.plan import method_module, resolve_method
 from harness.pipeline.run.record_inputs import Inputs, evaluated
+from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, save_body, save_normals
 
 __all__ = ["handle"]
 
 
-def handle(job: dict[str, Any], progress: Progress) -> dict[str, object]:  # noqa: ARG001
+def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noqa: ARG001
     """Reconstruct and score; a ``CellResult`` with the method's own failures in it.
 
     Raises:
@@ -45,7 +41,7 @@ def handle(job: dict[str, Any], progress: Progress) -> dict[str, object]:  # noq
     """
     # Before anything else: the commit is that of the code which is about to be imported.
     made_with = environment()
-    task = _Task.from_job(job)
+    task = _Task(CellJob.from_dict(job))
     before = task.stamp()
     if changed := task.changed():
         return CellResult("changed", changed).to_dict()
@@ -58,72 +54,39 @@ def handle(job: dict[str, Any], progress: Progress) -> dict[str, object]:  # noq
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """One cell, as planned.
+    """A job, with what has to be asked of it more than once."""
 
-    Attributes:
-        source: With the one subject.
-        name: The method's, in the catalogue.
-        method: With its settings.
-        protocol: Of the metrics.
-        seed: Root seed of the run.
-        planned: ``Inputs.to_dict()`` of the plan.
-        key: Of the plan.
-        folder: Receives mesh, body and normals.
-        keep: Whether intermediate results stay.
-    """
-
-    source: Source
-    name: str
-    method: Method
-    protocol: MetricProtocol
-    seed: int
-    planned: dict[str, Any]
-    key: str
-    folder: Path
-    keep: bool
-
-    @classmethod
-    def from_job(cls, job: dict[str, Any]) -> _Task:
-        source = Source.from_job(job["source"], str(job["subject"]))
-        return cls(
-            source=source,
-            name=str(job["method"]),
-            method=resolve_method(str(job["method"]), job["settings"]),
-            protocol=source.manifest.protocol(str(job["protocol"])),
-            seed=int(job["seed"]),
-            planned=job["inputs"],
-            key=str(job["key"]),
-            folder=Path(job["folder"]),
-            keep=bool(job["keep"]),
-        )
+    job: CellJob
 
     @property
-    def subject(self) -> str:
-        return self.source.subjects[0]
+    def _capture_directory(self) -> Path:
+        return self.job.source.capture_directory(self.job.subject)
 
-    def capture(self) -> Capture:
-        return Capture.load(self.source.capture_directory(self.subject))
+    def _capture(self) -> Capture:
+        return Capture.load(self._capture_directory)
 
     def stamp(self) -> tuple[int, int]:
-        """Another one after photos have been put in place anew, even if they are the same."""
-        found = (self.source.capture_directory(self.subject) / "capture.json").stat()
+        """Differs after photos have been put in place again, even if they are the same."""
+        found = (self._capture_directory / "capture.json").stat()
         return found.st_ino, found.st_mtime_ns
 
     def changed(self) -> str:
         """What is not as planned now, in words; empty while all is."""
         try:
-            capture = self.capture()
+            capture = self._capture()
             damage = capture.damage()
-            now = self._inputs(capture, self.source.locate(self.subject))
+            now = self._inputs(capture, self.job.source.locate(self.job.subject))
         except (HarnessError, OSError) as error:
             return str(error)
-        if now.key == self.key:
+        planned = self.job.inputs
+        if now.key == planned.key:
             return damage
-        return f"changed since it was planned: {listed_differences(self.planned, now.to_dict())}"
+        found = listed_differences(planned.to_dict(), now.to_dict())
+        return f"changed since it was planned: {found}"
 
     def _inputs(self, capture: Capture, scan: Scan) -> Inputs:
-        module = method_module(self.name)
-        return evaluated(self.method.info, module, capture, scan, self.protocol, self.seed)
+        method, job = self.job.method, self.job
+        return evaluated(method.info, method.module, capture, scan, job.protocol, job.seed)
 
     def carried_out(self) -> CellResult:
         """The method's result, scored and written.
@@ -131,42 +94,42 @@ class _Task:
         Raises:
             HarnessError: photos or scan cannot be read, or results cannot be written.
         """
-        capture = self.capture().from_front()
-        truth = Truth.read(*self.source.load(self.subject))
+        capture = self._capture().from_front()
+        truth = Truth.read(*self.job.source.load(self.job.subject))
         meter = StageMeter()
         try:
             result = self._reconstruction(capture, truth.mesh, meter)
             self._require_planned_scoring(result)
-            scores = scores_of(result, capture, truth, self.protocol)
+            scores = scores_of(result, capture, truth, self.job.protocol)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except HarnessError as error:
             return CellResult("failed", str(error), stages=tuple(meter.stages))
         return CellResult(
             "ok",
-            metrics=scores.metrics,
+            scores=scores,
             stages=tuple(meter.stages),
-            details=scores.details,
+            details=result.details,
             files=self._written(result),
         )
 
     def _reconstruction(self, capture: Capture, truth: Mesh, meter: StageMeter) -> Reconstruction:
-        info = self.method.info
+        info = self.job.method.info
         with self._workdir() as workdir:
             context = Context(
-                seed=seed_for(self.seed, info, self.subject),
+                seed=seed_for(self.job.seed, info, self.job.subject),
                 workdir=workdir,
                 stage=meter.stage,
                 privileged=lent_to(info, capture, truth),
-                keep=self.keep,
+                keep=self.job.keep,
             )
-            return self.method.reconstruct(capture, context)
+            return self.job.method.method.reconstruct(capture, context)
 
     @contextlib.contextmanager
     def _workdir(self) -> Iterator[Path]:
         """A fresh folder for intermediate results: one that stays, or one that goes away."""
-        if self.keep:
-            workdir = self.folder / "work"
+        if self.job.keep:
+            workdir = self.job.folder / "work"
             workdir.mkdir(parents=True)
             yield workdir
         else:
@@ -174,35 +137,30 @@ class _Task:
                 yield Path(name)
 
     def _require_planned_scoring(self, result: Reconstruction) -> None:
-        """Refuse what the record's key does not count the scoring code of."""
-        for name, there in (("body", result.body), ("normal", result.normals)):
-            if there and f"harness.pipeline.{name}_scoring" not in self.planned["code"]:
-                raise MethodError(
-                    f"the method handed out what its code does not name: a {name}",
-                    expected="'Body' or 'NormalMaps', imported by name from harness.core.artifacts",
-                )
+        """Refuse results whose scoring code the record's key does not count."""
+        planned = self.job.inputs
+        uncounted: list[str] = []
+        if result.body and not planned.counts_body_scoring:
+            uncounted.append("a body")
+        if result.normals and not planned.counts_normal_scoring:
+            uncounted.append("normal maps")
+        if uncounted:
+            raise MethodError(
+                f"the method returned {' and '.join(uncounted)}, which its code does not name",
+                expected="'Body' or 'NormalMaps', imported by name from harness.core.artifacts",
+                hint="Import the name in the method's own module",
+            )
 
     def _written(self, result: Reconstruction) -> dict[str, str]:
         """The sha256 of the results' files, by name."""
-        save_mesh(self.folder / "mesh.ply", result.mesh)
+        folder = self.job.folder
+        save_mesh(folder / "mesh.ply", result.mesh)
         if result.body:
-            _save_body(self.folder / "body.npz", result.body)
+            save_body(folder / BODY_FILE, result.body)
         if result.normals:
-            save_normals(self.folder / "normals.npz", result.normals)
-        files = sorted(path for path in self.folder.iterdir() if path.is_file())
+            save_normals(folder / NORMALS_FILE, result.normals)
+        files = sorted(path for path in folder.iterdir() if path.is_file())
         return {path.name: file_sha256(path) for path in files}
-
-
-def _save_body(path: Path, body: Body) -> None:
-    with atomic_path(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            model=body.model,
-            vertices=body.vertices,
-            joints=body.joints,
-            faces=body.faces,
-            **{f"parameter_{name}": value for name, value in body.parameters.items()},
-        )
 
 
 if __name__ == "__main__":

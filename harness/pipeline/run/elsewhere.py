@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.hashing import file_sha256
@@ -14,18 +12,18 @@ from harness.core.files.names import checked_name
 from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
-from harness.core.records import MetricValue, Record, Status
+from harness.core.records import CaptureStamp, ProtocolStamp, Record, Status
+from harness.core.results import Scores
 from harness.core.settings import MetricProtocol
-from harness.data.manifest import Dataset, Manifest
-from harness.data.scans import load_scan
+from harness.core.truth import face_regions
+from harness.pipeline.inputs.environment import environment, utc_now
+from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Progress
-from harness.pipeline.run.environment import environment, utc_now
 from harness.pipeline.run.record_inputs import Inputs, scored_elsewhere
-from harness.pipeline.run.store import Outcome, RunStore
-from harness.pipeline.scoring.meshes import labelled_faces, scored
-
-if TYPE_CHECKING:
-    from metrics.score import Score
+from harness.pipeline.run.store import CellFolder, Outcome, RunStore
+from harness.pipeline.scoring.meshes import mesh_scores
+from methods.catalog import METHODS
+from metrics.score import Score, score
 
 __all__ = ["FolderRequest", "score_folder", "score_pair"]
 
@@ -38,11 +36,12 @@ def score_pair(
     Raises:
         DataError: a mesh that cannot be read or compared.
     """
-    from metrics.score import score
-
     with ThreadPoolExecutor(max_workers=2) as pool:
-        ours, theirs = pool.map(lambda path: load_mesh(path, seams=True), (predicted, truth))
-    return score(ours, theirs, protocol, keep_points=keep_points, misplaced="refuse")
+        ours = pool.submit(load_mesh, predicted, seams=True)
+        true = pool.submit(load_mesh, truth, seams=True)
+    return score(
+        ours.result(), true.result(), protocol, keep_points=keep_points, misplaced="refuse"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,25 +52,17 @@ class FolderRequest:
         folder: Holds ``<id>.ply``, ``.obj``, ``.glb``, ``.off`` or ``.stl``: metres, world frame.
         name: The method's name in records and tables.
         title: Its title in tables.
-        dataset: What it is measured on: name, entry, root folder and subjects.
-        protocol: How.
+        truth: What it is measured against.
+        protocol: How it is measured.
         store: Where records go.
     """
 
     folder: Path
     name: str
     title: str
-    dataset: tuple[str, Dataset, Path, tuple[str, ...]]
+    truth: ScanSet
     protocol: MetricProtocol
     store: RunStore
-
-
-def dataset_target(
-    manifest: Manifest, name: str, subjects: tuple[str, ...], workspace_root: Path
-) -> tuple[str, Dataset, Path, tuple[str, ...]]:
-    """Name, entry, root folder and subjects of a dataset or split."""
-    resolved, dataset, chosen = manifest.select(name, subjects)
-    return resolved, dataset, manifest.root(resolved, workspace_root), chosen
 
 
 def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
@@ -81,8 +72,6 @@ def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
         HarnessError: no such folder, not one mesh named by a subject, or a name that no method may
             have or that one run here has.
     """
-    from methods.catalog import METHODS
-
     checked_name("method", request.name)
     if request.name in METHODS.targets():
         raise HarnessError(
@@ -91,24 +80,25 @@ def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
         )
     if not request.folder.is_dir():
         raise HarnessError(f"no folder at {request.folder}")
-    subjects = request.dataset[3]
+    subjects = request.truth.subjects
     meshes = {subject: _mesh_of(request.folder, subject) for subject in subjects}
     if not any(meshes.values()):
         present = sorted(path.stem for path in request.folder.iterdir())
         raise DataError(
-            f"{request.folder} holds no mesh of dataset '{request.dataset[0]}'",
+            f"{request.folder} holds no mesh of dataset '{request.truth.name}'",
             expected=f"files such as {subjects[0]}.ply",
             got=", ".join(present[:5]) or "an empty folder",
             hint=did_you_mean(present[0], subjects) if present else "",
         )
     request.store.begin()
     progress.expect("meshes", len(subjects))
-    outcomes = []
+    outcomes: list[Outcome] = []
     for subject, path in meshes.items():
-        with request.store.locked(request.name, subject):
-            outcome = _score_subject(request, subject, path)
+        folder = request.store.cell(request.name, subject)
+        with folder.locked():
+            outcome = _score_subject(request, folder, subject, path)
         if outcome.status != "ok":
-            progress.say(outcome.told)
+            progress.say(outcome.line)
         progress.done("meshes")
         outcomes.append(outcome)
     return outcomes
@@ -128,57 +118,59 @@ def _mesh_of(folder: Path, subject: str) -> Path | None:
 
 @dataclass(frozen=True, slots=True)
 class _Scored:
-    """What became of one subject's mesh; ``by_mesh`` is False where the truth cannot be read."""
+    """How scoring one subject's mesh ended; ``by_mesh`` is False where the truth is unreadable."""
 
     status: Status
     reason: str = ""
     by_mesh: bool = True
-    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
-    details: Mapping[str, object] = field(default_factory=dict[str, object])
+    scores: Scores = field(default_factory=Scores)
     inputs: Inputs | None = None
 
 
-def _score_subject(request: FolderRequest, subject: str, path: Path | None) -> Outcome:
+def _score_subject(
+    request: FolderRequest, folder: CellFolder, subject: str, path: Path | None
+) -> Outcome:
     """The subject's record, filed; an earlier good one stays where the truth cannot be read."""
     method = MethodInfo(request.name, request.title, privileges=(Privilege.MADE_ELSEWHERE,))
     found = _scored(request, method, subject, path)
     record = Record(
         key=found.inputs.key if found.inputs else "",
-        method=method.to_dict(),
-        dataset=request.dataset[0],
+        method=method,
+        dataset=request.truth.name,
         subject=subject,
         # Made elsewhere: nobody here knows from which photos.
         recipe="",
-        protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
-        capture={"key": "", "warnings": []},
+        protocol=ProtocolStamp.of(request.protocol),
+        capture=CaptureStamp(),
         seed=request.protocol.seed,
         status=found.status,
         reason=found.reason,
-        metrics=found.metrics,
-        details=found.details,
+        metrics=found.scores.metrics,
+        regions=found.scores.regions,
+        warnings=found.scores.warnings,
+        diagnostics=found.scores.diagnostics,
         environment=environment(),
         created_utc=utc_now(),
-        scale_rule=request.dataset[1].scale,
+        scale_rule=request.truth.dataset.scale,
         inputs=found.inputs.to_dict() if found.inputs else {},
     )
-    return request.store.file(record, own_failure=found.by_mesh)
+    return folder.file(record, own_failure=found.by_mesh)
 
 
 def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path | None) -> _Scored:
-    name, dataset, root, _ = request.dataset
     if path is None:
         return _Scored("missing", f"no mesh of {subject} in {request.folder}")
     try:
-        scan, truth = load_scan(name, dataset, root, subject)
-        labelled_faces(scan, truth)
+        scan, truth = request.truth.load(subject)
+        face_regions(scan, truth)
     except HarnessError as error:
         return _Scored("failed", str(error), by_mesh=False)
     inputs = scored_elsewhere(method, file_sha256(path), scan, request.protocol)
     try:
         predicted = load_mesh(path, seams=True)
-        outcome, details = scored(predicted, scan, truth, request.protocol, misplaced="refuse")
+        scores = mesh_scores(predicted, scan, truth, request.protocol, misplaced="refuse")
     except HarnessError as error:
         return _Scored("failed", str(error), inputs=inputs)
     if file_sha256(path) != inputs.mesh:
         return _Scored("failed", f"{path} changed while it was scored")
-    return _Scored("ok", metrics=outcome.metrics, details=details, inputs=inputs)
+    return _Scored("ok", scores=scores, inputs=inputs)

@@ -12,23 +12,26 @@ from __future__ import annotations
 import signal
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import WorkerDied, run_worker
-from harness.core.records import Record
+from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.pipeline.inputs.captures import PHOTOS, photograph
+from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.progress import Progress
+from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
-from harness.pipeline.run.environment import environment, utc_now
-from harness.pipeline.run.plan import Cell, EvalRequest, Evidence, plan, plan_cell, resolve_method
+from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.run.plan import Cell, EvalRequest, SubjectFiles, plan
 from harness.pipeline.run.store import Outcome
 
 __all__ = ["EvalSummary", "evaluate"]
 
+_WORKER = "harness.pipeline.run.cell_worker"
+#: Name of the progress bar that counts cells.
 _CELLS = "reconstructions"
 #: How often a cell is planned again because photos, scan or code changed under it.
 _ATTEMPTS = 3
@@ -56,117 +59,146 @@ class EvalSummary:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Number of cells by status; ``stale`` are good records that could not be made anew."""
+        """Number of cells by status; ``stale`` are good records that could not be made again."""
         return Counter(outcome.status for outcome in self.outcomes)
+
+    @property
+    def all_ok(self) -> bool:
+        """Whether every record is good and current."""
+        return all(outcome.status == "ok" for outcome in self.outcomes)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {
+            "counts": dict(self.counts),
+            "cached": self.cached,
+            "records": [record.to_dict() for record in self.records],
+            "stale": [
+                {
+                    "method": kept.record.method_name,
+                    "subject": kept.record.subject,
+                    "why": kept.kept,
+                }
+                for kept in self.outcomes
+                if kept.kept
+            ],
+        }
+
+
+def _stale_entry(outcome: Outcome) -> dict[str, str]:
+    record = outcome.record
+    return {"method": record.method_name, "subject": record.subject, "why": outcome.kept}
 
 
 def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     """Carry a request out and return all its records.
 
     Raises:
-        HarnessError: the request itself is wrong (unknown names, no dataset, sealed subjects and no
-            reason); what goes wrong with one subject is a record instead.
+        HarnessError: the request itself is wrong (no dataset, or sealed subjects and no reason);
+            what goes wrong with one subject is a record instead.
         Interrupted: the run was stopped; cells that were not finished have no new record.
     """
-    for method in request.methods:
-        resolve_method(method, request.settings)
     source = request.source
     source.root()
+    methods = tuple(method.name for method in request.methods)
     look = Look(
-        "evaluation", source.name, source.subjects, request.reason, request.methods,
-        source.recipe.name,
-    )  # fmt: skip
+        "evaluation", source.name, source.subjects, request.reason, methods, source.recipe.name
+    )
     admit(source.manifest, source.workspace, look, progress)
     request.store.begin()
     cells = plan(request)
-    waiting = {cell.subject for cell in cells if not cell.key}
-    progress.expect(PHOTOS, len(waiting) * request.source.recipe.rig.views)
+    waiting = {cell.subject for cell in cells if cell.files is None}
+    progress.expect(PHOTOS, len(waiting) * source.recipe.rig.views)
     progress.expect(_CELLS, len(cells))
-    outcomes = in_threads(
-        lambda subject: _subject(request, subject, progress), request.source.subjects, request.jobs
-    )
+    run = _Run(request, progress)
+    outcomes = in_threads(run.subject, source.subjects, request.jobs)
     return EvalSummary(tuple(outcome for found in outcomes for outcome in found))
 
 
-def _subject(request: EvalRequest, subject: str, progress: Progress) -> list[Outcome]:
-    """All methods on one subject."""
-    evidence = _evidence(request, subject, progress)
-    if isinstance(evidence, Evidence):
-        for warning in evidence.capture.warnings:
-            progress.say(f"{subject}: {warning}")
-    outcomes = []
-    for method in request.methods:
-        with request.store.locked(method, subject):
-            # Planned under the lock: another run may have filed the record meanwhile.
-            outcome = _cell(request, method, subject, evidence, progress)
-        if outcome.status != "ok":
-            progress.say(outcome.told)
-        outcomes.append(outcome)
-        progress.done(_CELLS)
-    return outcomes
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A request that is being carried out."""
 
+    request: EvalRequest
+    progress: Progress
 
-def _evidence(request: EvalRequest, subject: str, progress: Progress) -> Evidence | HarnessError:
-    """Photos, made if need be, and scan; or why there are none."""
-    try:
-        capture = photograph(request.source, subject, progress, request.timeout_s)
-        return Evidence(capture, request.source.locate(subject))
-    except HarnessError as error:
-        return error
+    def subject(self, subject: str) -> list[Outcome]:
+        """All methods on one subject."""
+        files = self._files(subject)
+        if isinstance(files, SubjectFiles):
+            for warning in files.capture.warnings:
+                self.progress.say(f"{subject}: {warning}")
+        outcomes: list[Outcome] = []
+        for method in self.request.methods:
+            with self.request.store.cell(method.name, subject).locked():
+                # Planned under the lock: another run may have filed the record meanwhile.
+                outcome = self._outcome(method, subject, files)
+            if outcome.status != "ok":
+                self.progress.say(outcome.line)
+            outcomes.append(outcome)
+            self.progress.done(_CELLS)
+        return outcomes
 
+    def _files(self, subject: str) -> SubjectFiles | HarnessError:
+        """Photos, made if need be, and scan; or why they are not there."""
+        source = self.request.source
+        try:
+            capture = photograph(source, subject, self.progress, self.request.timeout_s)
+            return SubjectFiles(capture, source.locate(subject))
+        except HarnessError as error:
+            return error
 
-def _cell(
-    request: EvalRequest,
-    method: str,
-    subject: str,
-    evidence: Evidence | HarnessError,
-    progress: Progress,
-) -> Outcome:
-    """One cell: its record as it is, or the outcome of reconstructing."""
-    result, cell = CellResult("failed"), Cell(method, subject, "", "run", "")
-    for _ in range(_ATTEMPTS):
-        if not isinstance(evidence, Evidence):
-            result = _failure(evidence, by_method=False)
-            return _filed(request, Cell(method, subject, "", "run", ""), result, None)
-        cell = plan_cell(request, method, subject, evidence)
-        record = request.store.record(method, subject) if cell.state == "cached" else None
-        if record is not None:
-            return Outcome(record, cached=True)
-        result = _carried_out(request, cell)
-        if result.status != "changed":
-            return _filed(request, cell, result, evidence.capture)
-        progress.say(f"{method} on {subject} is planned again: {result.reason}")
-        evidence = _evidence(request, subject, progress)
-    reason = f"after {_ATTEMPTS} attempts, {result.reason}"
-    return _filed(request, cell, CellResult("failed", reason, by_method=False), None)
-
-
-def _carried_out(request: EvalRequest, cell: Cell) -> CellResult:
-    """What a worker made of a planned cell."""
-    assert cell.inputs is not None
-    job = {
-        "source": request.source.to_job(),
-        "subject": cell.subject,
-        "method": cell.method,
-        "settings": dict(request.settings),
-        "protocol": request.protocol.name,
-        "seed": request.seed,
-        "key": cell.key,
-        "inputs": cell.inputs.to_dict(),
-        "folder": str(request.store.attempt(cell.method, cell.subject)),
-        "keep": request.keep,
-    }
-    log = request.store.cell(cell.method, cell.subject) / "log.txt"
-    try:
-        told = run_worker(
-            "harness.pipeline.run.cell_worker", job, log=log, timeout_s=request.timeout_s
+    def _outcome(
+        self, method: ChosenMethod, subject: str, files: SubjectFiles | HarnessError
+    ) -> Outcome:
+        """The record of a cell as it is, or the outcome of reconstructing."""
+        cell, reason = self.request.waiting_cell(method, subject, ""), ""
+        for _ in range(_ATTEMPTS):
+            if isinstance(files, HarnessError):
+                waiting = self.request.waiting_cell(method, subject, str(files))
+                return self._filed(waiting, _failure(files, by_method=False))
+            cell = self.request.cell(method, files)
+            if cell.record is not None:
+                return Outcome(cell.record, cached=True)
+            result = self._result(cell)
+            if result.status != "changed":
+                return self._filed(cell, result)
+            reason = result.reason
+            self.progress.say(f"{method.name} on {subject} is planned again: {reason}")
+            files = self._files(subject)
+        failure = f"after {_ATTEMPTS} attempts, {reason}"
+        # Which photos the last attempt saw is not known.
+        return self._filed(
+            replace(cell, files=None), CellResult("failed", failure, by_method=False)
         )
-    except WorkerDied as error:
-        # Memory may have run out because of others, and a person may have killed it.
-        return _failure(error, by_method=error.by_signal != signal.SIGKILL)
-    except HarnessError as error:
-        return _failure(error, by_method=False)
-    return CellResult.from_dict(told)
+
+    def _result(self, cell: Cell) -> CellResult:
+        """What a worker made of a planned cell."""
+        assert cell.inputs is not None
+        request = self.request
+        job = CellJob(
+            source=request.source.only(cell.subject),
+            method=cell.method,
+            protocol=request.protocol,
+            seed=request.seed,
+            inputs=cell.inputs,
+            folder=cell.folder.new_attempt(),
+            keep=request.keep,
+        )
+        try:
+            values = run_worker(
+                _WORKER, job.to_dict(), log=cell.folder.log, timeout_s=request.timeout_s
+            )
+        except WorkerDied as error:
+            # Memory may have run out because of others, and a person may have killed it.
+            return _failure(error, by_method=error.by_signal != signal.SIGKILL)
+        except HarnessError as error:
+            return _failure(error, by_method=False)
+        return CellResult.from_dict(values)
+
+    def _filed(self, cell: Cell, result: CellResult) -> Outcome:
+        record = _record(self.request, cell, result)
+        return cell.folder.file(record, own_failure=result.by_method)
 
 
 def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
@@ -174,32 +206,25 @@ def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
     return CellResult(status, str(error), by_method=by_method)
 
 
-def _filed(
-    request: EvalRequest, cell: Cell, result: CellResult, capture: Capture | None
-) -> Outcome:
-    record = _record(request, cell, result, capture)
-    return request.store.file(record, own_failure=result.by_method)
-
-
-def _record(
-    request: EvalRequest, cell: Cell, result: CellResult, capture: Capture | None
-) -> Record:
+def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
     assert result.status != "changed"
+    capture = cell.files.capture if cell.files else None
     return Record(
         key=cell.key,
-        method=resolve_method(cell.method, request.settings).info.to_dict(),
+        method=cell.info,
         dataset=request.source.name,
         subject=cell.subject,
         recipe=request.source.recipe.name,
-        protocol={**request.protocol.to_dict(), "sha": request.protocol.sha},
-        capture={
-            "key": capture.key if capture else "",
-            "warnings": list(capture.warnings) if capture else [],
-        },
+        protocol=ProtocolStamp.of(request.protocol),
+        capture=CaptureStamp(capture.key, capture.warnings) if capture else CaptureStamp(),
         seed=request.seed,
         status=result.status,
         reason=result.reason,
-        metrics=result.metrics,
+        metrics=result.scores.metrics,
+        regions=result.scores.regions,
+        normal_maps=result.scores.normal_maps,
+        warnings=result.scores.warnings,
+        diagnostics=result.scores.diagnostics,
         stages=result.stages,
         details=result.details,
         environment=result.environment or environment(),

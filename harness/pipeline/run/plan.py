@@ -2,168 +2,150 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Literal
 
 from harness.core.artifacts import Capture, Scan
-from harness.core.errors import DataError, HarnessError
+from harness.core.errors import DataError
 from harness.core.process.differences import listed_differences
-from harness.core.protocols import Method
+from harness.core.protocols import MethodInfo
+from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import Inputs, evaluated
-from harness.pipeline.run.store import RunStore
+from harness.pipeline.run.store import CellFolder, RunStore
 
-__all__ = [
-    "Cell",
-    "EvalRequest",
-    "Evidence",
-    "method_module",
-    "plan",
-    "plan_cell",
-    "resolve_method",
-]
+__all__ = ["Cell", "EvalRequest", "SubjectFiles", "plan"]
 
 
-@dataclass(frozen=True, slots=True)
-class EvalRequest:
-    """What ``harness eval`` was asked for.
+@dataclass(frozen=True, slots=True, eq=False)
+class SubjectFiles:
+    """What a subject's records are made from, as it lies on disk.
 
     Attributes:
-        source: Subjects and their photos.
-        methods: Names in the catalogue.
-        protocol: How meshes become numbers.
-        store: Where records go.
-        seed: Root of all randomness.
-        jobs: Subjects worked on at once.
-        settings: Settings of the methods that differ from their defaults, as text.
-        keep: Whether intermediate results are kept beside the mesh.
-        reason: Why sealed subjects are evaluated; asked for nowhere else.
-        timeout_s: How long photos of a subject, or a cell, may take; None is no limit.
+        capture: Its photos.
+        scan: Its true surface.
     """
-
-    source: Source
-    methods: tuple[str, ...]
-    protocol: MetricProtocol
-    store: RunStore
-    seed: int = 0
-    jobs: int = 1
-    settings: Mapping[str, str] = field(default_factory=dict)
-    keep: bool = False
-    reason: str = ""
-    timeout_s: float | None = 3600.0
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """One method on one subject, and what there is of it.
-
-    Attributes:
-        method, subject: Which cell.
-        key: Content id of its inputs; empty while the photos are not there.
-        state: ``cached`` or ``run``.
-        why: Why it has to run, or what it will wait for.
-        inputs: What ``key`` is the content id of.
-    """
-
-    method: str
-    subject: str
-    key: str
-    state: str
-    why: str
-    inputs: Inputs | None = None
-
-    def to_dict(self) -> dict[str, str]:
-        """Plain JSON values, without the inputs."""
-        return {name: getattr(self, name) for name in ("method", "subject", "key", "state", "why")}
-
-
-def resolve_method(name: str, settings: Mapping[str, str]) -> Method:
-    """A method by name, with some settings changed.
-
-    Raises:
-        HarnessError: an unknown method or setting, or settings for a method that has none.
-        MissingPart: it, or one of its parts, is not installed.
-    """
-    from methods.catalog import METHODS
-
-    method: Method = METHODS.resolve(name)
-    if settings:
-        configured = getattr(method, "configured", None)
-        if configured is None:
-            raise HarnessError(
-                f"method '{name}' has no settings", got=", ".join(settings), hint="Leave --set out"
-            )
-        method = configured(settings)
-    # What a method is made of is told on demand: asked now, not after photos have been made.
-    if method.info.name != name:
-        raise HarnessError(
-            f"method '{name}' calls itself '{method.info.name}'",
-            hint="Register it under its own name",
-        )
-    return method
-
-
-def method_module(name: str) -> str:
-    """Dotted name of the module in which the catalogue has a method."""
-    from methods.catalog import METHODS
-
-    return METHODS.module(name)
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What a subject's records are made from, as it lies on disk: its photos and its scan."""
 
     capture: Capture
     scan: Scan
 
 
-def plan_cell(request: EvalRequest, method: str, subject: str, evidence: Evidence) -> Cell:
-    """What has to be done for one cell, given photos and scan.
+@dataclass(frozen=True, slots=True, eq=False)
+class Cell:
+    """One method on one subject: what is known of it when it is planned.
 
-    Raises:
-        HarnessError: as ``resolve_method``, or the method's source is not there.
+    Attributes:
+        method: The method with its settings.
+        subject: The subject's id.
+        info: What the method said of itself at that moment.
+        folder: Where its results lie.
+        why: Why it has to run, or what it waits for; empty where the record is current.
+        files: Photos and scan; None while they are not there.
+        inputs: What its record is made from; None while the files are not there.
+        record: Its record, where that is current.
     """
-    info = resolve_method(method, request.settings).info
-    inputs = evaluated(
-        info,
-        method_module(method),
-        evidence.capture,
-        evidence.scan,
-        request.protocol,
-        request.seed,
-    )
-    why = _why_not_cached(request, method, subject, inputs)
-    return Cell(method, subject, inputs.key, "run" if why else "cached", why, inputs)
+
+    method: ChosenMethod
+    subject: str
+    info: MethodInfo
+    folder: CellFolder
+    why: str
+    files: SubjectFiles | None = None
+    inputs: Inputs | None = None
+    record: Record | None = None
+
+    @property
+    def key(self) -> str:
+        """Content id of the inputs; empty while the files are not there."""
+        return self.inputs.key if self.inputs else ""
+
+    @property
+    def state(self) -> Literal["cached", "run"]:
+        """Whether the record is current, or the cell has to run."""
+        return "run" if self.record is None else "cached"
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain JSON values for a reader of the plan."""
+        return {
+            "method": self.method.name,
+            "subject": self.subject,
+            "key": self.key,
+            "state": self.state,
+            "why": self.why,
+        }
 
 
-def _why_not_cached(request: EvalRequest, method: str, subject: str, inputs: Inputs) -> str:
-    try:
-        found = request.store.record(method, subject)
-    except DataError as error:
-        return f"its record is unreadable: {error.what}"
-    if found is None:
+@dataclass(frozen=True, slots=True, eq=False)
+class EvalRequest:
+    """What ``harness eval`` was asked for, with all names resolved.
+
+    Attributes:
+        source: Subjects and their photos.
+        methods: The methods with their settings.
+        protocol: How meshes become numbers.
+        store: Where records go.
+        seed: Root of all randomness.
+        jobs: Subjects worked on at once.
+        keep: Whether intermediate results are kept beside the mesh.
+        reason: Why sealed subjects are evaluated; needed for sealed subjects only.
+        timeout_s: Longest time for the photos of a subject, and for a cell; None is no limit.
+    """
+
+    source: Source
+    methods: tuple[ChosenMethod, ...]
+    protocol: MetricProtocol
+    store: RunStore
+    seed: int = 0
+    jobs: int = 1
+    keep: bool = False
+    reason: str = ""
+    timeout_s: float | None = 3600.0
+
+    def cell(self, method: ChosenMethod, files: SubjectFiles) -> Cell:
+        """The cell of a method on a subject whose photos and scan are there.
+
+        Raises:
+            HarnessError: a part of the method is gone, or its source is not there.
+        """
+        info, subject = method.info, files.capture.subject
+        inputs = evaluated(info, method.module, files.capture, files.scan, self.protocol, self.seed)
+        folder = self.store.cell(method.name, subject)
+        record: Record | None = None
+        try:
+            record = folder.record()
+            why = _why_not_current(record, inputs)
+        except DataError as error:
+            why = f"its record is unreadable: {error.what}"
+        current = None if why else record
+        return Cell(method, subject, info, folder, why, files, inputs, current)
+
+    def waiting_cell(self, method: ChosenMethod, subject: str, why: str) -> Cell:
+        """The cell of a method on a subject whose photos or scan are not there."""
+        folder = self.store.cell(method.name, subject)
+        return Cell(method, subject, method.info, folder, why)
+
+
+def _why_not_current(record: Record | None, inputs: Inputs) -> str:
+    if record is None:
         return "no record yet"
-    if not found.inputs:
-        return f"{found.status} before: {found.reason}" if found.reason else "record's form"
-    if found.key != inputs.key:
-        return f"changed: {listed_differences(found.inputs, inputs.to_dict())}"
-    if found.status != "ok":
-        return f"{found.status} before: {found.reason}"
-    return ""
+    failure = f"{record.status} before: {record.reason}"
+    if not record.inputs:
+        return failure if record.reason else "its record has the form of an earlier version"
+    if record.key != inputs.key:
+        return f"changed: {listed_differences(record.inputs, inputs.to_dict())}"
+    return "" if record.status == "ok" else failure
 
 
 def plan(request: EvalRequest) -> list[Cell]:
     """All cells of a request, by subject and then by method, without doing any work.
 
-    A subject whose scan cannot be read has cells, too: they say so.
+    A subject whose scan cannot be read has cells, too, which say so.
 
     Raises:
-        HarnessError: as ``resolve_method``.
+        HarnessError: as ``EvalRequest.cell``.
     """
-    for method in request.methods:
-        resolve_method(method, request.settings)
     return [cell for subject in request.source.subjects for cell in _cells(request, subject)]
 
 
@@ -172,11 +154,10 @@ def _cells(request: EvalRequest, subject: str) -> list[Cell]:
     try:
         state, why = source.capture_state(subject)
         if state == "cached":
-            evidence = Evidence(
-                Capture.load(source.capture_directory(subject)), source.locate(subject)
-            )
-            return [plan_cell(request, method, subject, evidence) for method in request.methods]
+            capture = Capture.load(source.capture_directory(subject))
+            files = SubjectFiles(capture, source.locate(subject))
+            return [request.cell(method, files) for method in request.methods]
         waits_for = f"photos {state}: {why}"
     except DataError as error:
         waits_for = str(error)
-    return [Cell(method, subject, "", "run", waits_for) for method in request.methods]
+    return [request.waiting_cell(method, subject, waits_for) for method in request.methods]

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.files.hashing import content_hash
@@ -21,7 +22,12 @@ from harness.core.process.source_digest import SourceDigest, SourceTree
 from harness.core.protocols import MethodInfo
 from harness.core.settings import MetricProtocol
 
-__all__ = ["Inputs", "evaluated", "method_code", "scored_elsewhere"]
+__all__ = [
+    "Inputs",
+    "evaluated",
+    "method_code",
+    "scored_elsewhere",
+]
 
 _KEYS_OWN = SourceTree.__module__
 _CELL = "harness.pipeline.run.cell"
@@ -29,7 +35,7 @@ _MESH_SCORING = "harness.pipeline.scoring.meshes"
 _MESH_READING = "harness.core.formats.mesh_files"
 _BODY_SCORING = "harness.pipeline.scoring.bodies"
 _NORMAL_SCORING = "harness.pipeline.scoring.normals"
-_ORACLE = "harness.pipeline.run.oracle_normals"
+_ORACLE = "harness.pipeline.inputs.oracle_normals"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +66,25 @@ class Inputs:
         """Plain JSON values, as records hold them."""
         return asdict(self)
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Inputs:
+        """The inputs behind ``to_dict``."""
+        return cls(**values)
+
     @property
     def key(self) -> str:
         """Content id."""
         return content_hash(self.to_dict())
+
+    @property
+    def counts_body_scoring(self) -> bool:
+        """Whether the key covers the code that scores bodies."""
+        return _BODY_SCORING in self.code
+
+    @property
+    def counts_normal_scoring(self) -> bool:
+        """Whether the key covers the code that scores normal maps."""
+        return _NORMAL_SCORING in self.code
 
 
 def evaluated(
@@ -81,7 +102,7 @@ def evaluated(
         module: In which the catalogue has it.
         capture: The photos as they lie on disk.
         scan: Likewise.
-        protocol: Of the metrics.
+        protocol: How results are scored.
         seed: Root seed of the run.
 
     Raises:
@@ -126,7 +147,7 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
 
     Args:
         module: In which the catalogue has it.
-        privileges: Of the method.
+        privileges: What the method is given beyond pixels.
 
     Raises:
         HarnessError: its source is not there.

@@ -15,11 +15,11 @@ from harness.core.files.names import checked_name
 from harness.core.records import Record
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["Outcome", "RunStore"]
+__all__ = ["CellFolder", "Outcome", "RunStore"]
 
 _RUN_FILE = "run.json"
+_RECORD_FILE = "record.json"
 _RESULTS = ("mesh.ply", "body.npz", "normals.npz", "work")
-_ATTEMPT = ".attempt"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Outcome:
     """What there is of a cell after a run.
 
     Attributes:
-        record: The cell's.
-        cached: Whether it was there before, and is current.
-        kept: Why it is an older good record that stays though it is not current; else empty.
+        record: The cell's record.
+        cached: Whether the record was there before, and is current.
+        kept: Why the record is an older good one that stays though it is not current; else empty.
     """
 
     record: Record
@@ -38,19 +38,107 @@ class Outcome:
 
     @property
     def status(self) -> str:
-        """The record's, or ``stale`` for one that stays."""
+        """The record's status, or ``stale`` for a record that stays."""
         return "stale" if self.kept else self.record.status
 
     @property
-    def told(self) -> str:
-        """One line on what a cell that is not ``ok`` is."""
+    def line(self) -> str:
+        """One line about a cell that is not ``ok``."""
         cell = f"{self.record.method_name} on {self.record.subject}"
         if self.kept:
             return (
-                f"{cell} keeps its good record of {self.record.created_utc}, which could not be "
-                f"made anew: {self.kept}"
+                f"{cell} keeps its good record of {self.record.created_utc}, because it could not "
+                f"be made again: {self.kept}"
             )
         return f"{cell} {self.record.status}: {self.record.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class CellFolder:
+    """Where the record and the results of one cell lie.
+
+    Attributes:
+        directory: ``runs/<name>/<method>/<subject>``.
+    """
+
+    directory: Path
+
+    @property
+    def log(self) -> Path:
+        """What the worker printed at the last attempt."""
+        return self.directory / "log.txt"
+
+    @property
+    def _attempt(self) -> Path:
+        return self.directory / ".attempt"
+
+    def record(self) -> Record | None:
+        """The cell's record, or None where there is none yet.
+
+        Raises:
+            DataError: a record that cannot be read.
+        """
+        path = self.directory / _RECORD_FILE
+        return Record.load(path) if path.is_file() else None
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the cell, so that two runs at once do not do the same work or mix their files.
+
+        Raises:
+            Interrupted: the run was stopped while it waited.
+        """
+        with exclusive_lock(self.directory / ".lock"):
+            remove_leftovers(self.directory / _RECORD_FILE)
+            self.new_attempt()
+            try:
+                yield
+            finally:
+                shutil.rmtree(self._attempt, ignore_errors=True)
+
+    def new_attempt(self) -> Path:
+        """A fresh folder for the results of one attempt at a cell that is held.
+
+        What the cell holds stays untouched until ``file``.
+        """
+        shutil.rmtree(self._attempt, ignore_errors=True)
+        self._attempt.mkdir(parents=True)
+        return self._attempt
+
+    def file(self, record: Record, *, own_failure: bool = True) -> Outcome:
+        """Put a record, and the results of the last attempt, in the place of what the cell holds.
+
+        Args:
+            record: The new record of this cell, which is held.
+            own_failure: Whether a failure is the method's; one that is not leaves a good record.
+
+        Raises:
+            DataError: a full disk or a missing right.
+        """
+        if record.status != "ok" and not own_failure:
+            good = self._good_record()
+            if good is not None:
+                return Outcome(good, kept=record.reason)
+        self._put_in_place(record)
+        return Outcome(record)
+
+    def _good_record(self) -> Record | None:
+        try:
+            found = self.record()
+        except DataError:
+            return None
+        return found if found is not None and found.status == "ok" else None
+
+    def _put_in_place(self, record: Record) -> None:
+        for name in _RESULTS:
+            new, old = self._attempt / name, self.directory / name
+            if old.is_dir():
+                shutil.rmtree(old)
+            if name in record.files or (record.status == "ok" and new.is_dir()):
+                new.replace(old)
+            else:
+                old.unlink(missing_ok=True)
+        record.save(self.directory / _RECORD_FILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +176,10 @@ class RunStore:
             )
         return cls(workspace.run(name))
 
-    def cell(self, method: str, subject: str) -> Path:
-        """Folder of one cell."""
-        return self.directory / checked_name("method", method) / checked_name("subject", subject)
-
-    def record(self, method: str, subject: str) -> Record | None:
-        """The record of one cell, or None where there is none yet."""
-        path = self.cell(method, subject) / "record.json"
-        return Record.load(path) if path.is_file() else None
+    def cell(self, method: str, subject: str) -> CellFolder:
+        """The folder of one cell."""
+        folder = self.directory / checked_name("method", method)
+        return CellFolder(folder / checked_name("subject", subject))
 
     def records(self) -> list[Record]:
         """All records, by method and subject.
@@ -103,82 +187,20 @@ class RunStore:
         Raises:
             DataError: a record that cannot be read; it is never skipped.
         """
-        return [Record.load(path) for path in sorted(self.directory.glob("*/*/record.json"))]
-
-    @contextmanager
-    def locked(self, method: str, subject: str) -> Iterator[None]:
-        """Hold one cell, so that two runs at once do not do the same work or mix their files.
-
-        Raises:
-            Interrupted: the run was stopped while it waited.
-        """
-        cell = self.cell(method, subject)
-        with exclusive_lock(cell / ".lock"):
-            remove_leftovers(cell / "record.json")
-            self.attempt(method, subject)
-            try:
-                yield
-            finally:
-                shutil.rmtree(cell / _ATTEMPT, ignore_errors=True)
-
-    def attempt(self, method: str, subject: str) -> Path:
-        """A fresh folder for the results of one attempt at a cell that is held.
-
-        What the cell holds stays untouched until ``file``.
-        """
-        folder = self.cell(method, subject) / _ATTEMPT
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        return folder
-
-    def file(self, record: Record, *, own_failure: bool = True) -> Outcome:
-        """Put a record, and the results of the last attempt, in the place of what a cell holds.
-
-        Args:
-            record: Of a cell that is held.
-            own_failure: Whether a failure is the method's; one that is not leaves a good record.
-
-        Raises:
-            DataError: a full disk or a missing right.
-        """
-        if record.status != "ok" and not own_failure:
-            good = self._good_record(record)
-            if good is not None:
-                return Outcome(good, kept=record.reason)
-        self._put_in_place(record)
-        return Outcome(record)
-
-    def _good_record(self, record: Record) -> Record | None:
-        try:
-            found = self.record(record.method_name, record.subject)
-        except DataError:
-            return None
-        return found if found is not None and found.status == "ok" else None
-
-    def _put_in_place(self, record: Record) -> None:
-        cell = self.cell(record.method_name, record.subject)
-        for name in _RESULTS:
-            new, old = cell / _ATTEMPT / name, cell / name
-            if old.is_dir():
-                shutil.rmtree(old)
-            if name in record.files or (record.status == "ok" and new.is_dir()):
-                new.replace(old)
-            else:
-                old.unlink(missing_ok=True)
-        record.save(cell / "record.json")
+        return [Record.load(path) for path in sorted(self.directory.glob(f"*/*/{_RECORD_FILE}"))]
 
     def result(self, record: Record, name: str) -> Path:
-        """The file of a record's result, such as ``mesh.ply``, which is still what was measured.
+        """The file of a record's result, such as ``mesh.ply``, after a check that it is unchanged.
 
         Raises:
             DataError: the record has none, or the file is gone or another one.
         """
-        path = self.cell(record.method_name, record.subject) / name
+        path = self.cell(record.method_name, record.subject).directory / name
         expected = record.files.get(name)
         if expected is None:
             raise DataError(
                 f"the record of {record.method_name} on {record.subject} has no {name}",
-                hint="Evaluate again: records of earlier versions do not tell their files",
+                hint="Evaluate again: records of earlier versions do not list their files",
             )
         if not path.is_file() or file_sha256(path) != expected:
             raise DataError(

@@ -6,109 +6,82 @@ the detector finds in the photos, the same for every method, whichever views the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.core.array_files.npz import read_array_npz
 from harness.core.arrays import Floats
-from harness.core.artifacts import OFF_MODEL, Body, Capture, Scan
+from harness.core.artifacts import Body, Capture
 from harness.core.cameras.camera import Camera
-from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.core.records import MetricValue
-from harness.core.units import MM_PER_METRE, Unit
+from harness.core.results import BodyErrors, MetricValue
+from harness.core.truth import TrueBody
+from harness.core.units import Unit
 from harness.geometry.raycast import Raycaster
+from methods.body.photos.detection import detect
+from methods.body.photos.views import frame_side_px
 from metrics import body as measure
 
-__all__ = ["TrueBody", "body_metrics"]
-
+__all__ = ["body_errors"]
 
 #: Longer side of the subject in the pictures that are compared, pixels.
 _SUBJECT_PX = 512
-_LOSSES = ("silhouette_loss", "normal_loss", "landmark_loss")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrueBody:
-    """A subject's true body in the world frame.
+@dataclass(frozen=True, slots=True)
+class _ViewErrors:
+    """The metrics of one view; NaN where the view does not tell."""
 
-    Attributes:
-        vertices: (V, 3) metres.
-        joints: (J, 3) metres, by the names of ``joint_names``.
-        off_model_mm: How far the vertices are (root mean square) from the surface that the body
-            model gives for the subject's parameters; 0 where the body is one of the model's.
-    """
-
-    vertices: Floats
-    joints: Floats
-    joint_names: tuple[str, ...]
-    off_model_mm: float = 0.0
-
-    @classmethod
-    def of(cls, scan: Scan) -> TrueBody | None:
-        """The true body beside a scan, or None where the dataset has none.
-
-        Raises:
-            DataError: the file is not one that the avatars' generator writes.
-        """
-        if scan.body_path is None:
-            return None
-        try:
-            wanted = ("vertices", "joints", "joint_names", OFF_MODEL)
-            file = read_array_npz(scan.body_path, wanted)
-            vertices, joints = file["vertices"], file["joints"]
-            names = tuple(str(name) for name in file["joint_names"])
-            off_m = float(file[OFF_MODEL]) if OFF_MODEL in file else 0.0
-        except (DataError, KeyError, ValueError) as error:
-            raise DataError(f"{scan.body_path} is no true body", got=repr(error)) from error
-        turn, shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
-        return cls(
-            vertices @ turn.T + shift,
-            joints @ turn.T + shift,
-            names,
-            off_m * MM_PER_METRE,
-        )
+    silhouette_loss: float
+    silhouette_iou: float
+    normal_loss: float
+    landmark_loss: float
 
 
-def body_metrics(
-    body: Body, capture: Capture, scan: Mesh, truth: TrueBody | None
-) -> dict[str, MetricValue]:
-    """Every metric that the body and the dataset allow, by id.
+def body_errors(body: Body, capture: Capture, scan: Mesh, truth: TrueBody | None) -> BodyErrors:
+    """Every metric that the body and the dataset allow.
+
+    Args:
+        body: Fitted to the photos, world metres.
+        capture: The photos.
+        scan: The subject's true surface, world metres.
+        truth: The true body, where the dataset has it.
 
     Raises:
         DataError: an image cannot be read.
         MissingPart: MediaPipe is not installed.
     """
-    losses = _losses(body, capture, scan)
-    names = [*_LOSSES, "silhouette_iou"]
-    units = dict.fromkeys(_LOSSES, Unit.none.value) | {"silhouette_iou": Unit.ratio.value}
-    metrics = {}
-    for name in names:
-        values = np.array([view[name] for view in losses])
-        values = values[np.isfinite(values)]
-        if len(values):
-            metrics[name] = _value(float(values.mean()), units[name], len(values))
-    if all(name in metrics for name in _LOSSES):
-        total = measure.total_loss(
-            metrics["silhouette_loss"].value,
-            metrics["normal_loss"].value,
-            metrics["landmark_loss"].value,
-        )
-        metrics["total_loss"] = _value(total, Unit.none.value, len(losses))
-    return {**metrics, **_against_truth(body, truth)}
+    views = _view_errors(body, capture, scan)
+    silhouette = _mean([view.silhouette_loss for view in views], Unit.none)
+    normal = _mean([view.normal_loss for view in views], Unit.none)
+    landmark = _mean([view.landmark_loss for view in views], Unit.none)
+    total = None
+    if silhouette and normal and landmark:
+        loss = measure.total_loss(silhouette.value, normal.value, landmark.value)
+        total = _value(loss, Unit.none, len(views))
+    return replace(
+        _against_truth(body, truth),
+        silhouette_loss=silhouette,
+        normal_loss=normal,
+        landmark_loss=landmark,
+        silhouette_iou=_mean([view.silhouette_iou for view in views], Unit.ratio),
+        total_loss=total,
+    )
 
 
-def _value(value: float, unit: str, n: int) -> MetricValue:
-    return MetricValue(value=value, unit=unit, n=n, standard_error=0.0)
+def _value(value: float, unit: Unit, n: int) -> MetricValue:
+    return MetricValue(value=value, unit=unit.value, n=n, standard_error=0.0)
 
 
-def _losses(body: Body, capture: Capture, scan: Mesh) -> list[dict[str, float]]:
-    """The metrics of each view."""
-    from methods.body.photos.detection import detect
-    from methods.body.photos.views import frame_side_px
+def _mean(by_view: Sequence[float], unit: Unit) -> MetricValue | None:
+    """The mean over the views that tell; None where none does."""
+    values = np.array(by_view)
+    values = values[np.isfinite(values)]
+    return _value(float(values.mean()), unit, len(values)) if len(values) else None
 
+
+def _view_errors(body: Body, capture: Capture, scan: Mesh) -> list[_ViewErrors]:
     found = detect(capture, range(len(capture.cameras)))
     ours = Raycaster(Mesh(vertices=body.vertices, faces=body.faces, source="fitted body"))
     theirs = Raycaster(scan.geometry())
@@ -120,21 +93,22 @@ def _losses(body: Body, capture: Capture, scan: Mesh) -> list[dict[str, float]]:
         truth_hits, body_hits = theirs.cast(view), ours.cast(view)
         side = frame_side_px(truth_hits.mask)
         views.append(
-            {
-                "silhouette_loss": measure.silhouette_loss(body_hits.mask, truth_hits.mask, side),
-                "silhouette_iou": measure.silhouette_iou(body_hits.mask, truth_hits.mask),
-                "normal_loss": measure.normal_loss(
+            _ViewErrors(
+                silhouette_loss=measure.silhouette_loss(body_hits.mask, truth_hits.mask, side),
+                silhouette_iou=measure.silhouette_iou(body_hits.mask, truth_hits.mask),
+                normal_loss=measure.normal_loss(
                     ours.normals_at(body_hits, view, "camera"),
                     theirs.normals_at(truth_hits, view, "camera"),
                     side,
                 ),
-                "landmark_loss": _landmark_loss(
+                landmark_loss=_landmark_loss(
                     body,
                     camera,
-                    (found.pixels[index], found.confidence[index]),
+                    found.pixels[index],
+                    found.confidence[index],
                     side * camera.height / view.height,
                 ),
-            }
+            )
         )
     return views
 
@@ -144,30 +118,25 @@ def _small(camera: Camera, scale: float) -> tuple[int, int]:
 
 
 def _landmark_loss(
-    body: Body, camera: Camera, detected: tuple[Floats, Floats], side_px: float
+    body: Body, camera: Camera, detected_px: Floats, confidence: Floats, side_px: float
 ) -> float:
-    points = body.parameters.get("landmark_points")
-    if points is None:
+    if body.landmarks is None:
         return float("nan")
-    index = body.parameters["landmark_index"]
-    pixels, _ = camera.project(points)
-    found, confidence = (values[index] for values in detected)
-    return measure.landmark_loss(pixels, found, confidence, side_px)
+    index = body.landmarks.indices
+    pixels, _ = camera.project(body.landmarks.points)
+    return measure.landmark_loss(pixels, detected_px[index], confidence[index], side_px)
 
 
-def _against_truth(body: Body, truth: TrueBody | None) -> Mapping[str, MetricValue]:
+def _against_truth(body: Body, truth: TrueBody | None) -> BodyErrors:
     """Errors in mm, where truth and fit are the same model."""
-    names = body.parameters.get("joint_names")
-    if truth is None or names is None or tuple(names.tolist()) != truth.joint_names:
-        return {}
-    main = body.parameters["main_joints"]
-    joints = measure.joint_error_mm(body.joints[main], truth.joints[main])
-    vertices = measure.vertex_error_mm(body.vertices, truth.vertices)
-    unit = Unit.millimetre.value
-    off = {}
-    if truth.off_model_mm:
-        off["off_model"] = _value(truth.off_model_mm, unit, len(vertices))
-    return off | {
-        "joint_error": _value(float(joints.mean()), unit, len(joints)),
-        "vertex_error": _value(float(vertices.mean()), unit, len(vertices)),
-    }
+    if truth is None or body.joint_names != truth.joint_names:
+        return BodyErrors()
+    main = body.main_joints
+    joints_mm = measure.joint_error_mm(body.joints[main], truth.joints[main])
+    vertices_mm = measure.vertex_error_mm(body.vertices, truth.vertices)
+    off_mm = truth.off_model_mm
+    return BodyErrors(
+        off_model=_value(off_mm, Unit.millimetre, len(vertices_mm)) if off_mm else None,
+        joint_error=_value(float(joints_mm.mean()), Unit.millimetre, len(joints_mm)),
+        vertex_error=_value(float(vertices_mm.mean()), Unit.millimetre, len(vertices_mm)),
+    )

@@ -1,4 +1,4 @@
-"""How far a method's normal maps are from the scan's, view by view and side by side, in a record.
+"""How far a method's normal maps are from the scan's, view by view and side by side.
 
 The scan is cast in the maps' own camera, so that a map is compared where it is, with no mesh made
 of it; the fitted body's normals on the same pixels say what the estimate is worth.
@@ -16,12 +16,12 @@ from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import NormalMaps, Scan
 from harness.core.cameras.rigs import camera_yaw_deg
 from harness.core.mesh import Mesh
-from harness.geometry.sides import Side, SidedRaycaster
-from harness.pipeline.scoring.meshes import labelled_faces
+from harness.core.results import AngularPair, NormalMapErrors
+from harness.core.truth import face_regions
+from harness.geometry.raycast import Raycaster, Side
 from metrics.normal_maps import angular_error_map, angular_errors
 
-__all__ = ["SIDES", "TrueNormals", "normal_details", "true_normals"]
-
+__all__ = ["SIDES", "TrueNormals", "normal_map_errors", "true_normals"]
 
 #: What the photo shows, and what it hides.
 SIDES: tuple[Side, ...] = ("near", "far")
@@ -42,7 +42,7 @@ class TrueNormals:
     compared: Mask
 
 
-def true_normals(scan: SidedRaycaster, maps: NormalMaps, side: Side) -> TrueNormals:
+def true_normals(scan: Raycaster, maps: NormalMaps, side: Side) -> TrueNormals:
     """One side of the scan, world metres, in the camera of a view's maps."""
     hits = scan.cast(maps.camera, side)
     normals = scan.normals_at(hits, maps.camera)
@@ -50,13 +50,10 @@ def true_normals(scan: SidedRaycaster, maps: NormalMaps, side: Side) -> TrueNorm
     return TrueNormals(normals, hits.face, normals.any(axis=2) & maps.mask)
 
 
-def normal_details(maps: Sequence[NormalMaps], scan: Scan, truth: Mesh) -> dict[str, object]:
-    """``{"normal_maps": [...]}`` for a record's details, one entry per view and side.
-
-    An entry says which photo (``view``, and ``yaw_deg`` of its camera: 0 is the subject's front)
-    and which ``side``, and has the errors of ``estimate`` and ``body`` over ``all`` pixels of the
-    subject, and over those of garments and shoes, ``clothed``, which is None without labels.
-    Without maps there are no details.
+def normal_map_errors(
+    maps: Sequence[NormalMaps], scan: Scan, truth: Mesh
+) -> tuple[NormalMapErrors, ...]:
+    """The errors of every map, one entry for each view and side; empty without maps.
 
     Args:
         maps: Handed out by the method.
@@ -67,42 +64,43 @@ def normal_details(maps: Sequence[NormalMaps], scan: Scan, truth: Mesh) -> dict[
         DataError: labels that are not the scan's, or a map without a normal inside its mask.
     """
     if not maps:
-        return {}
-    regions = labelled_faces(scan, truth)
+        return ()
+    regions = face_regions(scan, truth)
     worn = None if regions is None else regions.worn
-    caster = SidedRaycaster(truth.geometry())
-    entries = [
-        {"view": each.view, "yaw_deg": _yaw_deg(each, scan), **_entry(each, side, caster, worn)}
-        for each in maps
-        for side in SIDES
-    ]
-    return {"normal_maps": entries}
+    caster = Raycaster(truth.geometry())
+    return tuple(
+        _errors(each, side, caster, worn, _yaw_deg(each, scan)) for each in maps for side in SIDES
+    )
 
 
 def _yaw_deg(maps: NormalMaps, scan: Scan) -> float:
-    """Of the camera from the subject's front, whole degrees, 0 to 359, towards its left."""
+    """Yaw of the camera from the subject's front towards its left, whole degrees, 0 to 359."""
     return float(round(camera_yaw_deg(maps.camera) - scan.front_yaw_deg) % 360)
 
 
-def _entry(
-    maps: NormalMaps, side: Side, caster: SidedRaycaster, worn: Mask | None
-) -> dict[str, object]:
+def _errors(
+    maps: NormalMaps, side: Side, caster: Raycaster, worn: Mask | None, yaw_deg: float
+) -> NormalMapErrors:
     true = true_normals(caster, maps, side)
-    pairs = {
-        "near": {"estimate": maps.front, "body": maps.body_front},
-        "far": {"estimate": maps.back, "body": maps.body_back},
-    }
-    errors_deg = {
-        name: angular_error_map(normals, true.normals, true.compared)[true.compared]
-        for name, normals in pairs[side].items()
-    }
-    clothed = None if worn is None else worn[true.face[true.compared]]
-    return {
-        "side": side,
-        "clothed": None if clothed is None else _summaries(errors_deg, clothed),
-        "all": _summaries(errors_deg, slice(None)),
-    }
+    estimate, body = (
+        (maps.front, maps.body_front) if side == "near" else (maps.back, maps.body_back)
+    )
+    estimate_deg, body_deg = (
+        angular_error_map(normals, true.normals, true.compared)[true.compared]
+        for normals in (estimate, body)
+    )
+    clothed = None
+    if worn is not None:
+        chosen = worn[true.face[true.compared]]
+        clothed = _pair(estimate_deg[chosen], body_deg[chosen])
+    return NormalMapErrors(
+        view=maps.view,
+        yaw_deg=yaw_deg,
+        side=side,
+        clothed=clothed,
+        whole=_pair(estimate_deg, body_deg),
+    )
 
 
-def _summaries(errors_deg: dict[str, Floats], chosen: Mask | slice) -> dict[str, object]:
-    return {name: angular_errors(values[chosen]).to_dict() for name, values in errors_deg.items()}
+def _pair(estimate_deg: Floats, body_deg: Floats) -> AngularPair:
+    return AngularPair(angular_errors(estimate_deg), angular_errors(body_deg))

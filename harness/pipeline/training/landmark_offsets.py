@@ -15,7 +15,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,14 +22,20 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Scan
 from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError, HarnessError
+from harness.core.process.steps import silent
 from harness.core.protocols import Context
+from harness.core.truth import true_parameters
 from harness.core.units import MM_PER_METRE
-from harness.pipeline.inputs.true_parameters import true_parameters
-
-if TYPE_CHECKING:
-    from methods.body.models.anny_body import AnnyBody
-    from methods.body.models.model import LandmarkTable, Posed
-    from methods.body.photos.detection import Detections
+from harness.data.manifest import load_manifest, subject_range
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from methods.body.fitting import fitted_parameters
+from methods.body.models.anatomy import blend_landmarks
+from methods.body.models.anny_body import AnnyBody
+from methods.body.models.model import LandmarkTable, Posed
+from methods.body.photos.detection import MIRRORED, Detections, detect
+from methods.body.photos.views import load_views
+from methods.body_fit import jmbo8_plus
 
 __all__ = ["deviations_mm", "remaining_mm", "symmetric_means", "triangulated", "true_posed"]
 
@@ -63,8 +68,6 @@ def deviations_mm(
     cameras: Sequence[Camera], found: Detections, posed: Posed, table: LandmarkTable
 ) -> Floats:
     """(K, 3) from a true body's landmarks to the detected ones, in their carriers' rest axes."""
-    from methods.body.models.anatomy import blend_landmarks
-
     blends = blend_landmarks(replace(table, offsets=np.zeros_like(table.offsets)), posed)
     turns = posed.turns[0, table.carriers].double().numpy()
     points = [
@@ -87,8 +90,6 @@ def symmetric_means(deviations: Floats, landmarks: Sequence[int]) -> tuple[Float
 
     The spread is the median distance from the mean, in the deviations' unit.
     """
-    from methods.body.photos.detection import MIRRORED
-
     order = list(landmarks)
     other = [order.index(MIRRORED[landmark]) for landmark in order]
     both = np.concatenate([deviations, deviations[:, other] * _MIRROR])
@@ -123,13 +124,6 @@ def true_posed(body: AnnyBody, scan: Scan) -> Posed:
 
 
 def _main(subjects: str) -> None:
-    from harness.data.manifest import load_manifest, subject_range
-    from harness.pipeline.inputs.sources import Source
-    from harness.pipeline.inputs.workspace import Workspace
-    from methods.body.models.anny_body import AnnyBody
-    from methods.body.photos.detection import detect
-    from renderers.protocol import silent
-
     chosen = subject_range(subjects) or tuple(subjects.split(","))
     source = Source.select(load_manifest(None), Workspace.default(), _DATASET, chosen, "paper8")
     width, height = _SIZE
@@ -164,17 +158,14 @@ def _after_fits(body: AnnyBody, people: Sequence[tuple[Capture, Posed]]) -> Iter
     """What remains between each person and the body that is fitted to the photos."""
     import torch
 
-    from methods.body.photos.views import load_views
-    from methods.body_fit import jmbo8_plus
-
     torch.set_num_threads(1)
     context = Context(seed=0, workdir=Path(), stage=lambda _: contextlib.nullcontext())
     for done, (capture, truth) in enumerate(people, start=1):
         sys.stderr.write(f"fitting {done} of {len(people)}: {capture.subject}\n")
         views = load_views(capture, range(len(capture.cameras)), jmbo8_plus.settings.subject_px)
-        parameters, _ = jmbo8_plus.fit(body, views, capture, context)
+        fit = fitted_parameters(body, views, jmbo8_plus.settings, context)
         with torch.no_grad():
-            yield remaining_mm(body.posed(parameters), truth, body)
+            yield remaining_mm(body.posed(fit.parameters), truth, body)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How a training photo is taken: a camera somewhere round the subject, lamps somewhere round it.
+"""How a training photo is taken: a camera somewhere around the subject, and lamps around it.
 
 The light is even light from everywhere, with contact shadows, and one or two soft lamps that cast
 shadows; colours, strengths, exposure and the sensor's noise vary from photo to photo.
@@ -14,9 +14,9 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.images import srgb_from_linear
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window
 
-__all__ = ["Lamp", "Light", "developed", "drawn_camera", "drawn_light"]
+__all__ = ["Lamp", "Light", "PhotoSize", "drawn_camera", "drawn_light", "photographed"]
 
 
 #: Half of the views are near the front and the back, which is what methods estimate.
@@ -30,6 +30,20 @@ _FINE_FOCAL_PX = 4000.0
 _LAMP_POINTS = 6
 
 
+@dataclass(frozen=True, slots=True)
+class PhotoSize:
+    """How large a training photo is, and the subject in it.
+
+    Attributes:
+        side_px: Side of the square that the subject fills, as methods crop it.
+        width_px, height_px: Size of the window within the square that is kept.
+    """
+
+    side_px: int
+    width_px: int
+    height_px: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Lamp:
     """A soft lamp: (L, 3) points in world metres, and its linear colour (3,)."""
@@ -40,14 +54,14 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """All light of one photo, and how it is developed.
+    """All light of one photo, and how it becomes a picture.
 
     Attributes:
         even: (3,) linear colour of the light from everywhere.
         lamps: One or two.
         exposure: Factor on all light.
-        contrast: Exponent on the developed picture.
-        noise: Standard deviation of the sensor's noise, sRGB.
+        contrast: Exponent on the colours of the picture.
+        noise: Standard deviation of the sensor's noise, as sRGB in [0, 1].
     """
 
     even: Floats
@@ -57,12 +71,12 @@ class Light:
     noise: float
 
 
-def drawn_camera(vertices: Floats, size: tuple[int, int, int], draw: np.random.Generator) -> Camera:
+def drawn_camera(vertices: Floats, size: PhotoSize, draw: np.random.Generator) -> Camera:
     """A camera that looks at the subject, cropped as methods crop, a little off at random.
 
     Args:
         vertices: (V, 3) of the subject, world metres, its box centred at the origin.
-        size: Side of the square that the subject fills, width and height of the window in it.
+        size: How large the photo is, and the subject in it.
         draw: Source of randomness.
     """
     if draw.random() < _NEAR_AXIS:
@@ -82,12 +96,10 @@ def drawn_camera(vertices: Floats, size: tuple[int, int, int], draw: np.random.G
     return _cropped(whole, vertices, size, draw)
 
 
-def _cropped(
-    whole: Camera, vertices: Floats, size: tuple[int, int, int], draw: np.random.Generator
-) -> Camera:
-    box = screen_rectangle(vertices, whole, margin=0)
-    side_px, width, height = size
-    side = int(max(box.width, box.height) / draw.uniform(*_FILLED))
+def _cropped(whole: Camera, vertices: Floats, size: PhotoSize, draw: np.random.Generator) -> Camera:
+    box = Window.around_points(vertices, whole, margin=0)
+    side_px, width, height = size.side_px, size.width_px, size.height_px
+    side = int(box.longer_side / draw.uniform(*_FILLED))
     shift = draw.uniform(-0.02, 0.02, 2) * side
     left, top = (
         round(low + (extent - side * share) / 2 + off)
@@ -96,12 +108,12 @@ def _cropped(
             (box.top, box.height, height / side_px, shift[1]),
         )
     )
-    window = (round(side * width / side_px), round(side * height / side_px))
-    return whole.cropped(left, top, *window).resized(width, height)
+    window = Window(left, top, round(side * width / side_px), round(side * height / side_px))
+    return window.camera(whole, (width, height))
 
 
 def drawn_light(camera: Camera, draw: np.random.Generator) -> Light:
-    """Light round the subject of a camera; most of it from the camera's side and from above."""
+    """Light around the subject of a camera; most of it from the camera's side and from above."""
     even = draw.uniform(0.25, 0.9)
     lamps = tuple(_drawn_lamp(camera, draw) for _ in range(draw.choice([1, 1, 2])))
     return Light(
@@ -131,7 +143,7 @@ def _tint(draw: np.random.Generator) -> Floats:
     return np.exp(draw.normal(0.0, 0.06, 3))
 
 
-def developed(linear: Floats, light: Light, draw: np.random.Generator) -> Floats:
+def photographed(linear: Floats, light: Light, draw: np.random.Generator) -> Floats:
     """Colours in [0, 1], sRGB, of linear light (..., 3): exposed, clipped, with sensor noise."""
     picture = srgb_from_linear(np.clip(light.exposure * linear, 0.0, 1.0)) ** light.contrast
     return np.clip(picture + light.noise * draw.normal(size=picture.shape), 0.0, 1.0)

@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-from zipfile import BadZipFile
 
-import numpy as np
-
-from harness.core.errors import HarnessError
+from harness.core.array_files.npz import read_array_npz
+from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import exclusive_lock, remove_leftovers
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
+from harness.data.avatars import AVATARS_VERSION
 from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
+from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
-
-if TYPE_CHECKING:
-    from methods.normals.training.loop import TrainingSettings
+from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["TrainingRequest", "TrainingResult", "ensure_samples", "train_normals"]
 
@@ -66,12 +63,13 @@ class TrainingResult:
 
 
 def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResult:
-    """Train a network on the samples of a source, going on where an earlier call stopped.
+    """Train a network on the samples of a source, continuing where an earlier call stopped.
 
     Raises:
         HarnessError: too few subjects, sealed subjects, or test subjects among them.
         MissingPart: PyTorch or onnx is not installed.
     """
+    # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
     import torch
 
     from methods.normals.training.export import export_network
@@ -102,7 +100,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         judges,
         request.training,
         request.directory,
-        lambda steps, line: _tell(progress, steps, line),
+        lambda steps, line: _report(progress, steps, line),
     )
     network, path = Mirrored(trained.network.cpu()), request.directory / "open-normals.onnx"
     export_network(network, path, _about(request, chosen[: -request.held_out]))
@@ -126,17 +124,12 @@ def ensure_samples(
     progress.expect(_SAMPLES, len(waiting) * settings.views)
 
     def make(subject: str) -> str:
-        job: dict[str, object] = {
-            "source": source.to_job(),
-            "subject": subject,
-            "settings": asdict(settings),
-            "path": str(paths[subject]),
-        }
+        job = SampleJob(source.only(subject), settings, paths[subject])
         with exclusive_lock(folder / f".{subject}.lock"):
             if not _is_current(source, subject, settings, paths[subject]):
                 remove_leftovers(paths[subject])
                 try:
-                    run_worker(_WORKER, job, progress=counted(progress, _SAMPLES))
+                    run_worker(_WORKER, job.to_dict(), progress=counted(progress, _SAMPLES))
                 except HarnessError as error:
                     return str(error)
         return ""
@@ -152,13 +145,14 @@ def _is_current(source: Source, subject: str, settings: SampleSettings, path: Pa
     if source.is_generated and not source.avatar_is_current(subject):
         return False
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return str(file["key"]) == samples_key(source.locate(subject), settings)
-    except (OSError, KeyError, ValueError, BadZipFile):
+        found = read_array_npz(path, ["key"])
+    except DataError:
+        # Absent or damaged: made again.
         return False
+    return "key" in found and str(found["key"]) == samples_key(source.locate(subject), settings)
 
 
-def _tell(progress: Progress, steps: int, line: str) -> None:
+def _report(progress: Progress, steps: int, line: str) -> None:
     progress.done(_STEPS, steps)
     if line:
         progress.say(line)
@@ -166,8 +160,6 @@ def _tell(progress: Progress, steps: int, line: str) -> None:
 
 def _about(request: TrainingRequest, subjects: Sequence[str]) -> dict[str, str]:
     """What the network's file says of itself."""
-    from harness.data.avatars import AVATARS_VERSION
-
     source = request.source
     dataset = source.manifest.datasets[source.name]
     version = f", version {AVATARS_VERSION}" if source.is_generated else ""

@@ -12,20 +12,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.array_files.npz import write_npz
 from harness.core.arrays import Floats
 from harness.core.artifacts import Scan
 from harness.core.cameras.camera import Camera
-from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
 from harness.core.mesh import Mesh
-from harness.core.process.workers import Progress
+from harness.core.process.steps import StepReport
+from harness.core.truth import true_parameters
 from harness.geometry.images import load_rgb, packed_normals
 from harness.geometry.occlusion import lit_share, vertex_openness
+from harness.geometry.photo import Picture
 from harness.geometry.raycast import Hits, Raycaster
-from harness.geometry.sides import SidedRaycaster
 from harness.geometry.texture import linear_texture, texture_at
-from harness.pipeline.inputs.true_parameters import true_parameters
-from harness.pipeline.training.light import Light, developed, drawn_camera, drawn_light
+from harness.pipeline.training.light import (
+    Light,
+    PhotoSize,
+    drawn_camera,
+    drawn_light,
+    photographed,
+)
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
 from renderers.protocol import texture_of
@@ -46,10 +52,10 @@ class SampleSettings:
     """Which samples are made of a subject.
 
     Attributes:
-        views: How many.
-        side_px: Of the square that the subject fills, as methods crop it.
-        width_px, height_px: Of the window within the square that is kept.
-        seed: Of cameras, light and body errors.
+        views: Number of samples, each of them one photo.
+        side_px: Side of the square that the subject fills, as methods crop it.
+        width_px, height_px: Size of the window within the square that is kept.
+        seed: Seed of cameras, light and body errors.
     """
 
     views: int = 32
@@ -72,7 +78,7 @@ def samples_key(scan: Scan, settings: SampleSettings) -> str:
 
 
 def make_samples(
-    scan: Scan, mesh: Mesh, settings: SampleSettings, path: Path, progress: Progress
+    scan: Scan, mesh: Mesh, settings: SampleSettings, path: Path, progress: StepReport
 ) -> None:
     """Write a subject's samples as one ``.npz``.
 
@@ -91,8 +97,8 @@ def make_samples(
             samples.setdefault(name, []).append(array)
         progress(view + 1, settings.views)
     arrays = {name: np.stack(rows) for name, rows in samples.items()}
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, key=np.array(samples_key(scan, settings)), **arrays)
+    # Uncompressed: a network is trained on these again and again.
+    write_npz(path, {"key": np.array(samples_key(scan, settings)), **arrays}, compressed=False)
 
 
 class _Studio:
@@ -104,32 +110,29 @@ class _Studio:
         self._openness = vertex_openness(
             self._caster, _OPENNESS_RAYS, derive_seed(seed, "openness", scan.subject)
         )[:, None]
-        self._sides = SidedRaycaster(mesh.geometry())
         self._body = AnnyBody()
         self._truth = true_parameters(scan)
         self._turn, self._shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
 
     def sample(self, settings: SampleSettings, seed: int) -> dict[str, NDArray[np.generic]]:
         draw = np.random.default_rng(seed)
-        size = (settings.side_px, settings.width_px, settings.height_px)
+        size = PhotoSize(settings.side_px, settings.width_px, settings.height_px)
         camera = drawn_camera(self._caster.mesh.vertices, size, draw)
-        rgb, mask = self._photo(camera, drawn_light(camera, draw), draw)
+        photo = self._photo(camera, drawn_light(camera, draw), draw)
         fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
         skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
-        body = SidedRaycaster(skin)
+        body = Raycaster(skin)
         return {
-            "rgb": np.round(255 * rgb).astype(np.uint8),
-            "mask": mask,
-            "front": packed_normals(self._sides.normals(camera, "near")),
-            "back": packed_normals(self._sides.normals(camera, "far")),
+            "rgb": np.round(255 * photo.rgb).astype(np.uint8),
+            "mask": photo.mask,
+            "front": packed_normals(self._caster.normals(camera, "near")),
+            "back": packed_normals(self._caster.normals(camera, "far")),
             "body_front": packed_normals(body.normals(camera, "near")),
             "body_back": packed_normals(body.normals(camera, "far")),
         }
 
-    def _photo(
-        self, camera: Camera, light: Light, draw: np.random.Generator
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """(H, W, 3) sRGB, black outside, and the mask (H, W), as a working picture has them."""
+    def _photo(self, camera: Camera, light: Light, draw: np.random.Generator) -> Picture:
+        """What a camera sees in a light; black outside the mask, as working views are."""
         n = _SUPERSAMPLE
         fine = camera.resized(camera.width * n, camera.height * n)
         hits = self._caster.cast(fine)
@@ -142,8 +145,8 @@ class _Studio:
         mask = coverage >= 0.5
         picture = np.zeros_like(straight)
         # Displays blend in sRGB, and so do working pictures: over black, by coverage.
-        picture[mask] = developed(straight[mask], light, draw) * coverage[mask][:, None]
-        return picture, mask
+        picture[mask] = photographed(straight[mask], light, draw) * coverage[mask][:, None]
+        return Picture(camera, picture, coverage)
 
     def _radiance(self, hits: Hits, camera: Camera, light: Light) -> Floats:
         """(N, 3) linear light that leaves each hit towards the camera."""

@@ -14,7 +14,7 @@ from methods.body.photos.views import View
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Evidence"]
+__all__ = ["Evidence", "length"]
 
 
 class Evidence:
@@ -61,7 +61,7 @@ class Evidence:
 
         each = points.expand(len(self), -1, -1)
         seen = torch.stack([p(one) for p, one in zip(self.projectors, each, strict=True)])
-        return _length(seen - self.pixels)
+        return length(seen - self.pixels)
 
     def space_error(self, points: Tensor) -> Tensor:
         """(N, K) metres between landmarks (N, K, 3) and the detector's own, hips on hips."""
@@ -69,24 +69,10 @@ class Evidence:
 
         turned = torch.stack([p.turn(one) for p, one in zip(self.projectors, points, strict=True)])
         middle = turned[:, self._hips].mean(1, keepdim=True)
-        return _length(turned - middle - self.points_camera)
-
-    def loss(self, points: Tensor, view: int, counted: Tensor) -> Tensor:
-        """The paper's landmark loss of one view for landmarks (K, 3), in sides of its frame.
-
-        Args:
-            points: (K, 3) landmarks, world metres.
-            view: Which.
-            counted: (N, K) factor on the confidence: 1 for a landmark that counts, 0 for others.
-
-        Source: MExECON, equation of the landmark loss: mean of distances weighted by confidence,
-        whose picture is one unit wide in the authors' code.
-        """
-        distance = _length(self.projectors[view](points) - self.pixels[view])
-        weight = self.confidence[view] * counted[view]
-        return (weight * distance).sum() / weight.sum().clamp_min(1e-6) / self.side_px[view]
+        return length(turned - middle - self.points_camera)
 
 
-def _length(vectors: Tensor) -> Tensor:
+def length(vectors: Tensor) -> Tensor:
+    """(...) lengths of vectors (..., D), differentiable also where they are 0."""
     # The root of a tiny number instead of 0 keeps the gradient finite at a perfect match.
     return (vectors.square().sum(-1) + 1e-12).sqrt()

@@ -10,34 +10,43 @@ has its full perspective camera, wherever it stands and however it is pitched.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from methods.body.fit.evidence import Evidence
-from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost
-from methods.body.fit.prior import BodyPrior
+from methods.body.fit.normal_maps import NormalTarget, Skin
+from methods.body.fit.prior import ParameterPrior
 from methods.body.fit.projection import Projector
-from methods.body.fit.silhouette import SilhouetteTarget, clothed, silhouette_cost
+from methods.body.fit.silhouette import SilhouetteTarget, uncovered_cost
 from methods.body.fit.surface import BodySurface, Topology, vertex_normals
+from methods.body.fit.terms import (
+    BodyState,
+    LandmarkTarget,
+    ViewTarget,
+    head_cost,
+    landmark_term,
+    normal_term,
+    silhouette_term,
+)
 from methods.body.fit.weights import PUBLISHED_CONFIDENCE, PUBLISHED_LANDMARKS, Weights
-from methods.body.models.model import LandmarkTable, Parameters, ParametricBody, Posed, box_middle
-from methods.body.photos.views import Views
+from methods.body.models.model import LandmarkTable, Parameters, ParametricBody, box_middle
+from methods.body.photos.views import View, Views
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Fit", "NormalsOf", "head_cost", "hold_depth", "optimise"]
+__all__ = ["Fit", "NormalsOf", "hold_depth", "optimise"]
 
 #: Makes the clothed normals (H, W, 3) of every view, map frame, for one body's vertices (V, 3).
-NormalsOf = Callable[[NDArray[np.float64]], Sequence[NDArray[np.float64]]]
+NormalsOf = Callable[[Floats], Sequence[Floats]]
 
 _FACTOR, _PATIENCE, _LEAST_RATE = 0.5, 5, 1e-5
-#: Of the ramp: shares of the iterations at which the full step is reached and left, first and last
-#: share of the full step.
+#: The ramp's shares of the iterations at which the full step is reached and left, and the first and
+#: last share of the full step.
 _FULL, _FALLING, _LEAST_SHARE = 0.1, 0.6, 0.1
 #: Converged: the mean cost of this many iterations is less than this share below that of the same
 #: number before. Not asked earlier than after three times as many.
@@ -80,8 +89,8 @@ def optimise(
         body: Whose parameters are sought.
         views: Usable ones.
         start: Parameters of one body.
-        weights: Of the cost, and how it is brought down.
-        seed: Of the order of mini-batches.
+        weights: Weights of the cost, and how it is brought down.
+        seed: Seed of the order of mini-batches.
         normals_of: Estimates the views' normals anew; asked every ``weights.normals_every``
             iterations.
     """
@@ -193,45 +202,30 @@ def _held_distance_m(body: ParametricBody, views: Views, start: Parameters) -> f
     return float(view.camera.forward @ (middle - view.camera.position))
 
 
-def head_cost(body: ParametricBody, posed: Posed) -> Tensor:
-    """1 - cosine between the head's own upward axis and the world's.
-
-    Source: MExECON, equation of the head loss, with both vectors of unit length.
-    """
-    return 1.0 - posed.turns[0, body.roles["head"], 1, 1]
-
-
 class _Problem:
     """The cost of one body in all views."""
 
     def __init__(self, body: ParametricBody, views: Views, weights: Weights) -> None:
         self.body, self.weights = body, weights
         self.topology = Topology(body.faces)
-        self.prior = BodyPrior(body)
-        self.evidence = Evidence(views.views, views.detections, body.landmarks)
-        self.counted = _counted(self.evidence, body.landmarks, weights.landmarks)
-        self.silhouettes = [
-            SilhouetteTarget(
-                Projector(view.camera),
-                view.coverage,
-                view.side_px**2,
-                clothed(view.coverage, weights.uncovered, weights.standoff_m / metres),
-            )
-            for view, metres in zip(views.views, self.evidence.metres_per_px.tolist(), strict=True)
-        ]
+        self.prior = ParameterPrior(body)
         self.views = views.views
+        self.targets = _view_targets(body, views, weights)
         self.compare_with([view.normals_camera for view in views.views])
 
-    def compare_with(self, normals_camera: Sequence[NDArray[np.float64] | None]) -> None:
+    def compare_with(self, normals_camera: Sequence[Floats | None]) -> None:
         """Take these normals (H, W, 3) of the views, map frame, from now on; None for none."""
-        self.normals = [
-            None
-            if normals is None
-            else NormalTarget(Projector(view.camera), normals, view.side_px**2)
-            for view, normals in zip(self.views, normals_camera, strict=True)
+        self.targets = [
+            replace(target, normals=self._normal_target(view, normals))
+            for target, view, normals in zip(self.targets, self.views, normals_camera, strict=True)
         ]
 
-    def vertices(self, parameters: Parameters) -> NDArray[np.float64]:
+    def _normal_target(self, view: View, normals_camera: Floats | None) -> NormalTarget | None:
+        if normals_camera is None or not self.weights.normal:
+            return None
+        return NormalTarget(Projector(view.camera), normals_camera, view.side_px**2)
+
+    def vertices(self, parameters: Parameters) -> Floats:
         """(V, 3) world metres of the one body."""
         import torch
 
@@ -247,12 +241,14 @@ class _Problem:
         normals = vertex_normals(vertices, self.topology.faces_tensor)
         # Views are looked at one by one from these, so that only one view's graph is held.
         leaves = [made.detach().requires_grad_() for made in (vertices, points, normals)]
+        skin = Skin(leaves[0], leaves[2], self.topology.faces_tensor)
         surface = BodySurface(vertices.detach().cpu().double().numpy(), self.topology)
+        state = BodyState(skin, leaves[1], surface)
         total = 0.0
         sums: dict[str, float] = dict.fromkeys(("silhouette", "normal", "landmark"), 0.0)
-        share = len(self.silhouettes) / len(chosen)
+        share = len(self.targets) / len(chosen)
         for view in chosen:
-            terms = self._terms(view, leaves, surface)
+            terms = self._terms(state, self.targets[view])
             cost = share * sum(getattr(self.weights, name) * term for name, term in terms.items())
             if isinstance(cost, torch.Tensor):
                 cost.backward()
@@ -268,23 +264,42 @@ class _Problem:
         rest.backward()
         return total, {**sums, "head": head.item()}
 
-    def _terms(
-        self, view: int, leaves: Sequence[Tensor], surface: BodySurface
-    ) -> dict[str, Tensor]:
-        vertices, points, normals = leaves
-        terms, hits = {}, None
-        wanted = self.normals[view] if self.weights.normal else None
-        if wanted is not None:
-            hits = surface.caster.cast(wanted.projector.camera)
-            skin = Skin(vertices, normals, self.topology.faces_tensor)
-            terms["normal"] = normal_cost(skin, hits, wanted)
+    def _terms(self, body: BodyState, view: ViewTarget) -> dict[str, Tensor]:
+        """The terms of one view that count, by the names of their weights."""
+        terms: dict[str, Tensor] = {}
+        if view.normals is not None:
+            # The silhouette takes its mask from the rays that the normals need anyway.
+            body = replace(body, hits=body.surface.caster.cast(view.normals.projector.camera))
+            terms["normal"] = normal_term(body, view)
         if self.weights.silhouette:
-            mask = None if hits is None else hits.mask
-            target = self.silhouettes[view]
-            terms["silhouette"] = silhouette_cost(vertices, surface, target, mask)
+            terms["silhouette"] = silhouette_term(body, view)
         if self.weights.landmark:
-            terms["landmark"] = self.evidence.loss(points, view, self.counted)
+            terms["landmark"] = landmark_term(body, view)
         return terms
+
+
+def _view_targets(body: ParametricBody, views: Views, weights: Weights) -> list[ViewTarget]:
+    """What each view asks for, without normals."""
+    evidence = Evidence(views.views, views.detections, body.landmarks)
+    counted = _counted(evidence, body.landmarks, weights.landmarks)
+    metres_per_px: list[float] = evidence.metres_per_px.tolist()
+    targets = []
+    for index, view in enumerate(views.views):
+        standoff_px = weights.standoff_m / metres_per_px[index]
+        silhouette = SilhouetteTarget(
+            Projector(view.camera),
+            view.coverage,
+            view.side_px**2,
+            uncovered_cost(view.coverage, weights.uncovered, standoff_px),
+        )
+        landmarks = LandmarkTarget(
+            evidence.projectors[index],
+            evidence.pixels[index],
+            evidence.confidence[index] * counted[index],
+            evidence.side_px[index],
+        )
+        targets.append(ViewTarget(silhouette, landmarks, None))
+    return targets
 
 
 def _counted(evidence: Evidence, table: LandmarkTable, chosen: str) -> Tensor:

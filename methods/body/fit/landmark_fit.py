@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from methods.body.fit.evidence import Evidence
-from methods.body.fit.prior import BodyPrior
+from methods.body.fit.prior import ParameterPrior
 from methods.body.fit.rotations import mean_rotation, mean_rotation_vector, upright
 from methods.body.models.model import Parameters, ParametricBody, Posed, box_middle, neutral
 from methods.body.photos.detection import Detections
@@ -44,12 +44,12 @@ def fit_each_view(
     Args:
         body: Sparse will do.
         views: N views.
-        detections: Of these views.
+        detections: The landmarks found in these views.
     """
     import torch
 
     evidence = Evidence(views, detections, body.landmarks)
-    prior = BodyPrior(body)
+    prior = ParameterPrior(body)
     start = neutral(body, len(views))
     turns = [
         upright(view.camera.rotation.T @ (points[_LEFT] - points[_RIGHT]).sum(axis=0))
@@ -94,7 +94,7 @@ def fit_jointly(
     that see a limb from two sides know better, but a front and a back view alone leave it open.
     """
     evidence = Evidence(views, detections, body.landmarks)
-    prior = BodyPrior(body)
+    prior = ParameterPrior(body)
 
     def energy(parameters: Parameters) -> Tensor:
         posed = body.posed(parameters)

@@ -54,7 +54,7 @@ def normal_cost(skin: Skin, hits: Hits, target: NormalTarget) -> Tensor:
 
     Args:
         skin: The body.
-        hits: Of the body in the target's view.
+        hits: Where the rays of the target's view meet the body.
         target: What its normals should be.
 
     Source: MExECON, equation of the normal loss (L1); mean over the three components as in ECON.

@@ -1,4 +1,4 @@
-"""What is believed of a body before any picture is seen: poses near rest, joints within limits."""
+"""What bodies are likely before any picture is seen: poses near rest, joints within limits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from methods.body.models.model import Parameters, ParametricBody
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["BodyPrior"]
+__all__ = ["ParameterPrior"]
 
 #: Standard deviation of a limb's rotation, radians; divided by the root of a joint's stiffness.
 _DEVIATION_RAD = 0.8
@@ -19,7 +19,7 @@ _DEVIATION_RAD = 0.8
 _HINGE_DEVIATION_RAD = 0.1
 
 
-class BodyPrior:
+class ParameterPrior:
     """Negative log-probability of parameters: Gaussians, one-sided at the hinges."""
 
     def __init__(self, body: ParametricBody) -> None:

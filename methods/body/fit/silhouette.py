@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
+from harness.geometry.images import sampled
+from harness.geometry.outline import inner_depth_px
 from methods.body.fit.projection import Projector
 from methods.body.fit.surface import BodySurface
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["SilhouetteTarget", "clothed", "silhouette_cost"]
+__all__ = ["SilhouetteTarget", "silhouette_cost", "uncovered_cost"]
 
 
 #: How far outside an edge a ray is sent to see whether the edge is on the outline, pixels.
@@ -53,21 +55,18 @@ class SilhouetteTarget:
         return float(beyond + self.missing[~mask].sum()) / self.area_px
 
 
-def clothed(coverage: Floats, weight: float, standoff_px: float) -> Floats:
-    """(H, W) cost of what a body leaves uncovered of a clothed subject's coverage.
+def uncovered_cost(coverage: Floats, weight: float, standoff_px: float) -> Floats:
+    """(H, W) cost of each pixel of a clothed subject that a body does not cover.
 
     Args:
         coverage: (H, W) from 0 to 1.
-        weight: Of a pixel well inside the subject.
+        weight: Cost of a pixel well inside the subject.
         standoff_px: A rim of this width costs nothing: soles, hair and cloth lie outside the body.
     """
-    from scipy.ndimage import distance_transform_edt
-
     if standoff_px <= 0:
         return weight * coverage
     # Beyond the frame the subject goes on, so that no rim starts where a picture cuts it.
-    padded = np.pad(coverage > 0.5, 1, mode="edge")
-    depth_px = distance_transform_edt(padded)[1:-1, 1:-1] - 0.5
+    depth_px = inner_depth_px(coverage > 0.5)
     return weight * np.clip(depth_px - standoff_px + 0.5, 0.0, 1.0)
 
 
@@ -101,7 +100,7 @@ def silhouette_cost(
     inside_frame = ((middle > 0) & (middle < (camera.width, camera.height))).all(axis=1)
     kept = np.flatnonzero(inside_frame & (length > 0))
     kept = kept[~surface.caster.meets(outside[kept], camera)]
-    jump = _bilinear(1.0 - target.coverage - target.missing, middle[kept])
+    jump = sampled(1.0 - target.coverage - target.missing, middle[kept])
     force = jump[:, None] * normal[kept] / target.area_px
     moving = target.projector(vertices[torch.from_numpy(ends[kept]).to(vertices.device)]).mean(1)
     push = (torch.from_numpy(force).to(moving) * moving).sum()
@@ -120,10 +119,3 @@ def _projected(
     pixels = np.nan_to_num(pixels, nan=-1e6)[index]
     pairs = pixels[: 2 * len(ends)].reshape(-1, 2, 2)
     return pairs[:, 0], pairs[:, 1], pixels[2 * len(ends) :]
-
-
-def _bilinear(image: Floats, pixels: Floats) -> Floats:
-    """(N,) values at pixel coordinates (N, 2), the border's beyond it."""
-    from scipy.ndimage import map_coordinates
-
-    return map_coordinates(image, pixels[:, ::-1].T - 0.5, order=1, mode="nearest")

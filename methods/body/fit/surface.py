@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Ints
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
+from harness.geometry.topology import edges_of
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -31,21 +32,10 @@ class Topology:
 
         self.faces = np.asarray(faces, dtype=np.int64)
         self.faces_tensor = torch.from_numpy(self.faces)
-        corners = np.concatenate(
-            [self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]]
-        )
-        owner = np.tile(np.arange(len(self.faces)), 3)
-        ordered = np.sort(corners, axis=1)
-        order = np.lexsort((ordered[:, 1], ordered[:, 0]))
-        ordered, owner = ordered[order], owner[order]
-        first = np.ones(len(ordered), dtype=bool)
-        first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-        starts = np.flatnonzero(first)
-        self.edges: Ints = ordered[starts]
+        edges = edges_of(self.faces)
+        self.edges: Ints = edges.ends
         # A third face at an edge is not looked at: bodies have none.
-        paired = np.append(starts[1:], len(ordered)) - starts > 1
-        second = np.where(paired, owner[np.minimum(starts + 1, len(owner) - 1)], -1)
-        self.sides: Ints = np.stack([owner[starts], second], axis=1)
+        self.sides: Ints = edges.faces()
 
 
 class BodySurface:

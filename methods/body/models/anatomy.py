@@ -29,7 +29,7 @@ _STIFFNESS: dict[str, Triple] = {
 }
 _KNEE_LEAST_RAD = -0.05
 _ELBOW_LEAST_RAD = -0.15
-#: Every so many-th vertex tells a body's extent: of 13 718, the middle of its box to some 3 mm.
+#: One vertex in so many gives a body's extent: with 13 718, the middle of its box to some 3 mm.
 _EXTENT_STEP = 16
 
 
@@ -80,7 +80,7 @@ def table(
 def sparse_vertices(
     landmarks: LandmarkTable, count: int
 ) -> tuple[NDArray[np.int64], LandmarkTable]:
-    """Of ``count`` vertices those (N,) that tell landmarks and extent, and the table of these."""
+    """The (N,) vertices out of ``count`` that give landmarks and extent, and their own table."""
     used = np.union1d(landmarks.vertices, np.arange(0, count, _EXTENT_STEP))
     return used, replace(landmarks, vertices=np.searchsorted(used, landmarks.vertices))
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.cameras.frames import ANNY_TO_WORLD
 from harness.core.errors import MissingPart
 from harness.core.files.atomic import exclusive_lock
 from methods.body.models.anatomy import blend_landmarks, free_joint, sparse_vertices, table
@@ -26,8 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AnnyBody"]
 
-#: World axes in Anny's: x stays (the person's left), up is Anny's z, forward its -y.
-_ANNY_TO_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=np.float32)
+_ANNY_TO_WORLD = ANNY_TO_WORLD.astype(np.float32)
 _ARM = {"L": (0.7071, -0.7071, 0.0), "R": (-0.7071, -0.7071, 0.0)}
 _SPINE = ("spine05", "spine04", "spine03", "spine02", "spine01")
 _LIMBS = {
@@ -64,7 +64,7 @@ _KEYPOINTS = {
 }  # fmt: skip
 _KNUCKLES = {17: "finger5-1.L", 18: "finger5-1.R", 19: "finger2-1.L", 20: "finger2-1.R",
              21: "finger1-2.L", 22: "finger1-2.R"}  # fmt: skip
-#: The hand that each knuckle is on: fingers are not fitted, so their landmarks are half believed.
+#: The hand that each knuckle is on: fingers are not fitted, so their landmarks count less.
 _KNUCKLE_TRUST = 0.3
 _CARRIERS = {0: "head", 2: "head", 5: "head", 7: "head", 8: "head",
              11: "upperarm01.L", 12: "upperarm01.R", 13: "upperarm01.L", 14: "upperarm01.R",

@@ -97,10 +97,10 @@ class Posed:
 
 
 class ParametricBody(Protocol):
-    """A differentiable body: ``harness.core.protocols.BodyModel`` and what a fit asks besides.
+    """A differentiable body: what a fit needs of it.
 
     Attributes:
-        name: Of the model.
+        name: The model's, as records have it.
         part: As records name it.
         faces: (F, 3) vertex indices.
         joint_names: The model's own, in the order of its joints.

@@ -1,4 +1,4 @@
-"""How records name the body models, told without loading them."""
+"""How records name the body models; nothing is loaded for it."""
 
 from __future__ import annotations
 

@@ -10,25 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats
+from harness.core.truth import TrueParameters
 from methods.body.models.anny_body import AnnyBody
 
-__all__ = ["FitErrors", "TrueParameters", "as_fitted"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrueParameters:
-    """What re-creates an Anny body, as the avatars' files hold it.
-
-    Attributes:
-        pose_parameters: (J, 4, 4) in Anny's axes, ``local-ref``.
-        phenotype: Values in [0, 1] by name.
-        off_model_m: How far the true surface is (root mean square) from the one that these give;
-            0 where the body is one of Anny's. Joints are where these put them either way.
-    """
-
-    pose_parameters: Floats
-    phenotype: dict[str, float]
-    off_model_m: float = 0.0
+__all__ = ["FitErrors", "as_fitted"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,20 +14,20 @@ import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.errors import MissingPart
 from harness.core.protocols import Part
-from harness.geometry.images import composite, load_rgba
+from harness.geometry.images import PictureFile, composite, load_rgba
+from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG
 
-__all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "agreed", "detect", "part"]
+__all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "combined", "detect", "part"]
 
 
 #: Landmarks of MediaPipe's body.
@@ -111,7 +111,10 @@ def detect(capture: Capture, views: Sequence[int]) -> Detections:
         MissingPart: MediaPipe is not installed.
         DataError: an image cannot be read.
     """
-    found = [_detect(_Photo.of(capture, view)) for view in views]
+    found = [
+        _detect(PictureFile.of(capture.image_path(view)), capture.cameras[view].size)
+        for view in views
+    ]
     return Detections(
         pixels=np.array([reading.pixels for reading in found]),
         points_camera=np.array([reading.points_camera for reading in found]) @ _upright().T,
@@ -120,28 +123,15 @@ def detect(capture: Capture, views: Sequence[int]) -> Detections:
     )
 
 
-class _Photo(NamedTuple):
-    """One photo as it is on disk now: what is cached under it holds as long as the file does."""
-
-    path: Path
-    size: tuple[int, int]
-    modified_ns: int
-
-    @classmethod
-    def of(cls, capture: Capture, view: int) -> _Photo:
-        path = capture.image_path(view)
-        modified_ns = path.stat().st_mtime_ns if path.is_file() else 0
-        return cls(path, capture.cameras[view].size, modified_ns)
-
-
 @functools.lru_cache(maxsize=64)
-def _detect(photo: _Photo) -> Reading:
+def _detect(file: PictureFile, size: tuple[int, int]) -> Reading:
     """Cached, because the method and the scorer of one cell ask the same."""
-    left, top, cut_out = _cut_out(load_rgba(photo.path, photo.size))
-    found = agreed(list(_readings(_detector(), cut_out)))
+    rgba = load_rgba(file.path, size)
+    window = _window(rgba[..., 3] >= 128)
+    found = combined(list(_readings(_detector(), window.cut(rgba))))
     if found is None:
         return Reading(np.zeros((COUNT, 2)), np.zeros((COUNT, 3)), np.zeros(COUNT), np.zeros(2))
-    return found._replace(pixels=found.pixels + np.array([left, top]))
+    return found._replace(pixels=found.pixels + np.array([window.left, window.top]))
 
 
 class Reading(NamedTuple):
@@ -169,8 +159,8 @@ class Reading(NamedTuple):
         )
 
 
-def agreed(readings: Sequence[Reading]) -> Reading | None:
-    """What readings of one picture say together: their mean, trusted less where they differ.
+def combined(readings: Sequence[Reading]) -> Reading | None:
+    """The mean of the readings of one picture, trusted less where they differ.
 
     None without a reading.
     """
@@ -237,17 +227,8 @@ def _detector() -> Any:
     return holistic(static_image_mode=True, model_complexity=1)
 
 
-def _cut_out(rgba: NDArray[np.uint8]) -> tuple[int, int, NDArray[np.uint8]]:
-    """Column and row of a window round the subject, and what is in it, transparent outside."""
-    rows, columns = (np.flatnonzero((rgba[..., 3] > 127).any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
-        rows, columns = np.arange(rgba.shape[0]), np.arange(rgba.shape[1])
-    margin = round(_MARGIN * (rows[-1] - rows[0] + 1))
-    top, bottom = rows[0] - margin, rows[-1] + 1 + margin
-    left, right = columns[0] - margin, columns[-1] + 1 + margin
-    canvas = np.zeros((bottom - top, right - left, 4), dtype=np.uint8)
-    inner_top, inner_left = max(top, 0), max(left, 0)
-    piece = rgba[inner_top : max(bottom, 0), inner_left : max(right, 0)]
-    height, width, _ = piece.shape
-    canvas[inner_top - top :, inner_left - left :][:height, :width] = piece
-    return int(left), int(top), canvas
+def _window(mask: Mask) -> Window:
+    """The window around the subject (H, W) that the detector is shown; all of a photo without."""
+    height, width = mask.shape
+    box = Window.around(mask) if mask.any() else Window.whole((width, height))
+    return box.grown(round(_MARGIN * box.height))

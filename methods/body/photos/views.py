@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
-from harness.geometry.images import load_mask, resampled
-from harness.geometry.place import Place, mask_box, place_of
+from harness.geometry.outline import Outline
+from harness.geometry.photo import open_photo
+from harness.geometry.place import Place, place_of
+from harness.geometry.window import Window
 from methods.body.photos.detection import Detections, detect
 
 __all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
@@ -33,7 +34,7 @@ class View:
 
     Attributes:
         index: In the capture.
-        camera: Of the working picture.
+        camera: The working picture's camera.
         coverage: (H, W) of the subject, 0 to 1.
         side_px: Side of the subject's frame in working pixels.
         place: Where the subject stands, the same for all views that are fitted together.
@@ -54,7 +55,7 @@ class Views:
 
     Attributes:
         views: In the order of the capture.
-        detections: Of these views; ``pixels`` are working pixels.
+        detections: What was found in these views; ``pixels`` are working pixels.
         left_out: Reason by view index.
     """
 
@@ -68,10 +69,9 @@ class Views:
         return tuple(view.index for view in self.views)
 
 
-def frame_side_px(inside: NDArray[np.bool_]) -> float:
+def frame_side_px(inside: Mask) -> float:
     """Side of the square that losses refer to: a little more than the subject's box, pixels."""
-    left, top, right, bottom = mask_box(inside)
-    return FRAME_MARGIN * max(bottom - top, right - left)
+    return FRAME_MARGIN * Window.around(inside).longer_side
 
 
 def load_views(
@@ -96,31 +96,32 @@ def load_views(
         MissingPart: MediaPipe is not installed.
     """
     found = detect(capture, indices)
-    coverages: dict[int, Floats] = {}
+    outlines: dict[int, Outline] = {}
     left_out: dict[int, str] = {}
     for index, confidence in zip(indices, found.confidence, strict=True):
         if int((confidence > _CONFIDENT).sum()) < _LEAST_LANDMARKS:
             left_out[index] = "no person was detected"
             continue
-        coverage = load_mask(capture.image_path(index), capture.cameras[index].size)
-        if (coverage > 0.5).any():
-            coverages[index] = coverage
-        else:
+        outline = open_photo(capture, index).outline
+        if outline.is_empty:
             left_out[index] = "its mask is empty"
-    if not coverages:
+        else:
+            outlines[index] = outline
+    if not outlines:
         raise MethodError(
             "no view shows a person",
             expected="at least one view with a detected person and a mask",
             got="; ".join(f"view {index}: {why}" for index, why in left_out.items()),
         )
-    place = _place(capture, coverages, centre)
+    place = place_of(list(outlines.values()))
+    if centre is not None:
+        place = replace(place, centre=centre, depth_is_known=True)
     views = [
-        _working_view(index, capture.cameras[index], coverage, subject_px, place)
-        for index, coverage in coverages.items()
+        _working_view(index, outline, subject_px, place) for index, outline in outlines.items()
     ]
     if normals is not None:
         views = [replace(view, normals_camera=normals(view.camera)) for view in views]
-    detections = found.at([list(indices).index(index) for index in coverages])
+    detections = found.at([list(indices).index(index) for index in outlines])
     scales = [
         [view.camera.width / capture.cameras[view.index].width,
          view.camera.height / capture.cameras[view.index].height]
@@ -130,23 +131,15 @@ def load_views(
     return Views(tuple(views), working, left_out)
 
 
-def _place(capture: Capture, coverages: Mapping[int, Floats], centre: Floats | None) -> Place:
-    cameras = [capture.cameras[index] for index in coverages]
-    place = place_of(cameras, [coverage > 0.5 for coverage in coverages.values()])
-    return place if centre is None else replace(place, centre=centre, depth_is_known=True)
-
-
-def _working_view(
-    index: int, camera: Camera, coverage: Floats, subject_px: int, place: Place
-) -> View:
-    side = frame_side_px(coverage > 0.5)
+def _working_view(index: int, outline: Outline, subject_px: int, place: Place) -> View:
+    side = frame_side_px(outline.mask)
     scale = min(1.0, subject_px * FRAME_MARGIN / side)
-    width, height = (max(1, round(scale * size)) for size in camera.size)
-    working = camera.resized(width, height)
+    width, height = (max(1, round(scale * size)) for size in outline.camera.size)
+    working = outline.resized(width, height)
     return View(
         index=index,
-        camera=working,
-        coverage=resampled(coverage, (width, height), "box"),
-        side_px=side * width / camera.width,
+        camera=working.camera,
+        coverage=working.coverage,
+        side_px=side * width / outline.camera.width,
         place=place,
     )

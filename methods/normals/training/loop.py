@@ -23,6 +23,7 @@ from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
 from methods.normals.training.network import NormalNetwork
 from methods.normals.training.samples import Batch, Samples
+from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["Angles", "Trained", "TrainingSettings", "chord", "judged", "train"]
 
@@ -36,29 +37,6 @@ _LAST_RATE = 0.01
 _AVERAGE = 0.998
 _CLIP = 1.0
 _JUDGE_BATCH = 8
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingSettings:
-    """How a network is trained.
-
-    Attributes:
-        steps: Of the optimiser.
-        batch: Samples a step.
-        width_px: Columns of a sample that a step sees, at random: most are empty.
-        rate: Greatest learning rate (AdamW; warm-up, then a half cosine).
-        decay: Weight decay.
-        judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
-        seed: Of weights, order and augmentation.
-    """
-
-    steps: int = 1500
-    batch: int = 8
-    width_px: int = 256
-    rate: float = 1.5e-3
-    decay: float = 1e-2
-    judge_every: int = 100
-    seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +70,8 @@ def train(
 ) -> Trained:
     """A network trained on ``samples``, its error on ``judges`` written to ``curve.csv``.
 
-    A checkpoint in ``directory`` made with the same samples and settings is gone on from; the
-    result does not depend on how often that happened.
+    Training continues from a checkpoint in ``directory`` that was made with the same samples and
+    settings; the result does not depend on how often it was interrupted.
 
     Raises:
         HarnessError: the checkpoint was made with others.

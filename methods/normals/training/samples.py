@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from harness.core.array_files.npz import read_required_arrays
 from harness.core.errors import DataError
 
 __all__ = ["Batch", "Samples"]
@@ -121,13 +122,9 @@ class Samples:
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in ("key", *_ARRAYS)}
-    except (OSError, KeyError, ValueError) as error:
-        raise DataError(
-            f"{path} is no file of training samples", got=str(error), hint="Delete it: it is remade"
-        ) from error
+    return read_required_arrays(
+        path, ("key", *_ARRAYS), "training samples", "Delete it, and it is made again"
+    )
 
 
 def _channels_first(rows: Tensor) -> Tensor:

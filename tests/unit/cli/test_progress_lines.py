@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from harness.cli.display import Bars
+from harness.cli.display import shown_progress
 from harness.cli.progress_lines import ProgressLines
 
 
@@ -61,7 +61,7 @@ def test_a_step_that_takes_long_is_told_of_twice_a_minute(clock, stream):
         lines.done("reconstructions")
         for _ in range(70):
             clock.now += 1
-            lines.tell_the_silent()
+            lines.write_about_silent_tasks()
     assert stream.getvalue().splitlines() == [
         "reconstructions: 0 of 2",
         "reconstructions: 1 of 2, 0:30 so far, about 0:30 left",
@@ -80,7 +80,7 @@ def test_nothing_to_do_and_unannounced_work_are_not_told(clock, stream):
 
 @pytest.mark.parametrize("quiet", [False, True])
 def test_what_commands_use_writes_lines_to_standard_error_alone(capsys, quiet):
-    with Bars(quiet=quiet) as bars:
+    with shown_progress(quiet=quiet) as bars:
         bars.expect("photos", 1)
         bars.done("photos")
         bars.say("a remark")
@@ -92,7 +92,7 @@ def test_what_commands_use_writes_lines_to_standard_error_alone(capsys, quiet):
 
 def test_on_a_terminal_there_are_bars(capsys, monkeypatch):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with Bars() as bars:
+    with shown_progress() as bars:
         bars.expect("photos", 2)
         bars.done("photos", 2)
         bars.say("a remark")

@@ -14,16 +14,18 @@ from harness.core.artifacts import Capture, StageCost, image_name
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
-from harness.core.records import MetricValue, Record
+from harness.core.protocols import MethodInfo
+from harness.core.records import CaptureStamp, Environment, ProtocolStamp, Record
+from harness.core.results import MetricValue
 
 RECORD = Record(
     key="0123456789abcdef",
-    method={"name": "hull8", "title": "Visual hull", "parts": [], "views": [0, 4]},
+    method=MethodInfo("hull8", "Visual hull", views=(0, 4)),
     dataset="avatars",
     subject="a01",
     recipe="quick8",
-    protocol={"name": "mexecon", "version": 1, "sha": "ab"},
-    capture={"key": "cd", "warnings": ["cut in view 2"]},
+    protocol=ProtocolStamp("mexecon", 1, "ab"),
+    capture=CaptureStamp("cd", ("cut in view 2",)),
     seed=0,
     status="ok",
     metrics={
@@ -32,7 +34,7 @@ RECORD = Record(
     },
     stages=(StageCost("carve", 1.5, 200.0), StageCost("mesh", 0.5, 300.0, peak_gpu_mib=12.0)),
     details={"voxels": 3},
-    environment={"host": "here"},
+    environment=Environment(system="here"),
     created_utc="2026-01-01T00:00:00Z",
 )
 
@@ -50,13 +52,13 @@ def test_a_record_there_and_back(tmp_path: Path, record: Record) -> None:
 
     assert back == record
     assert back.method_name == "hull8"
-    assert json.loads(path.read_text())["schema"] == 1
+    assert json.loads(path.read_text())["schema"] == 2
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema=2), "not a record of this version .*schema 1; got 2"),
+        (lambda d: d.update(schema=1), "not a record of this version .*schema 2; got 1"),
         (lambda d: d.pop("schema"), "not a record of this version .*got None"),
         (lambda d: d.pop("metrics"), "not a record .*metrics"),
         (lambda d: d.pop("key"), "not a record .*key"),

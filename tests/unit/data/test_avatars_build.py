@@ -12,6 +12,7 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.data.avatars import (
     AVATARS_VERSION,
     avatar_sheet,
+    build,
     make_avatar,
     recipe_for,
     stored,
@@ -19,19 +20,35 @@ from harness.data.avatars import (
 )
 from harness.data.avatars.build import drape_recipe
 from harness.data.avatars.mesh.faces import neighbours
-from harness.data.avatars.people.body import Body
+from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.stored import drape_key, load_drape, save_drape
+from harness.data.avatars.writer import write_avatar
 
-pytestmark = pytest.mark.slow
+#: The avatar is made once, in one process.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("avatar")]
 
 NAME = "a01"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def made(tmp_path_factory):
+    """The folder of an avatar, and the calls by which it was written."""
     directory = tmp_path_factory.mktemp("avatars") / "model" / NAME
-    make_avatar(recipe_for(NAME), directory)
-    return directory
+    calls = []
+
+    def write(*arguments):
+        calls.append(arguments)
+        write_avatar(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "write_avatar", write)
+        make_avatar(recipe_for(NAME), directory)
+    return directory, calls
+
+
+@pytest.fixture(scope="module")
+def folder(made):
+    return made[0]
 
 
 @pytest.fixture(scope="module")
@@ -168,13 +185,16 @@ def test_the_sheet_shows_a_person_on_paper(folder):
     assert (ink[0] < 0.4).all()
 
 
-def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_nothing(made, tmp_path, monkeypatch):
     def full_disk(*_args, **_kwargs):
         raise OSError(28, "No space left on device")
 
+    # All that making an avatar writes is written by one call, which is made again.
+    directory, ((written_to, *content),) = made
+    assert written_to == directory
     monkeypatch.setattr(Image.Image, "save", full_disk)
     with pytest.raises(DataError, match="No space left"):
-        make_avatar(recipe_for(NAME), tmp_path / "model" / NAME)
+        write_avatar(tmp_path / "model" / NAME, *content)
     assert list((tmp_path / "model").iterdir()) == []
 
 
@@ -190,7 +210,7 @@ def test_a_stored_drape_belongs_to_its_recipe_as_it_is_now(path):
 
 def test_blender_drapes_what_is_stored_and_stale_drapes_are_not_used(tmp_path, monkeypatch):
     recipe = recipe_for(NAME)
-    body = Body(recipe.phenotype)
+    body = AvatarBody(recipe.phenotype)
     shipped = drape_recipe(recipe, body)
     pieces = [item.piece for item in shipped]
     save_drape(recipe, shipped, tmp_path)

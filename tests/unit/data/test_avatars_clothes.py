@@ -20,7 +20,7 @@ from harness.data.avatars.clothes.wardrobe import (
 )
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import border_loops, triangles, vertex_normals
-from harness.data.avatars.people.body import SKIN_VERTICES, Body, carry
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, carry
 from harness.data.avatars.people.landmarks import heights
 from harness.data.avatars.people.poses import POSES, joint_rotations
 from harness.data.avatars.recipe import recipe_for, subject_ids
@@ -33,7 +33,7 @@ FABRIC = Fabric((100, 100, 100))
 
 @pytest.fixture(scope="module")
 def body():
-    return Body({"gender": 0.4, "age": 0.66, "height": 0.4, "weight": 0.5})
+    return AvatarBody({"gender": 0.4, "age": 0.66, "height": 0.4, "weight": 0.5})
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_cloth_that_never_rests_is_an_error_after_every_attempt(body, skin, monk
 @pytest.mark.parametrize("subject", subject_ids())
 def test_every_body_fits_the_frame_of_every_camera(subject):
     recipe = recipe_for(subject)
-    person = Body(recipe.phenotype)
+    person = AvatarBody(recipe.phenotype)
     posed = person.posed(joint_rotations(person, POSES[recipe.pose]))
     quads = person.quads("skin")
     used, faces = np.unique(triangles(quads), return_inverse=True)

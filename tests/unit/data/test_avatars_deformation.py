@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.data.avatars.people.body import SKIN_VERTICES, Body, carry, reference_body
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, carry, reference_body
 from harness.data.avatars.people.deformation import deformed_body, free_share, skin_areas
 from harness.data.avatars.people.poses import joint_rotations
 from harness.data.avatars.recipe import recipe_for
@@ -29,7 +29,7 @@ def body(recipe):
 
 @pytest.fixture(scope="module")
 def plain(recipe):
-    return Body(recipe.phenotype)
+    return AvatarBody(recipe.phenotype)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_the_closest_body_of_the_model_stays_away(recipe, body, areas):
     shift = np.tile(np.eye(3), (SKIN_VERTICES, 1))
 
     def surface(at):
-        return Body(dict(zip(names, at, strict=True))).vertices[SKIN].ravel()
+        return AvatarBody(dict(zip(names, at, strict=True))).vertices[SKIN].ravel()
 
     goal, best = body.vertices[SKIN].ravel(), np.inf
     for _ in range(3):

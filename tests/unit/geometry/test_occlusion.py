@@ -46,7 +46,8 @@ def test_a_convex_surface_sees_everything():
 @pytest.mark.parametrize("height", [1.5, 2.0, 4.0])
 def test_a_ball_hides_its_form_factor_from_the_floor_below(height):
     # A small patch that faces a ball of radius r at distance h loses (r / h)^2 of its light.
-    mesh = joined(floor(0.1), ball(1.0, np.array([0.0, height, 0.0])))
+    # 20 rings of chords cover 0.4 % less than the ball, and every vertex casts all the rays.
+    mesh = joined(floor(0.1), ball(1.0, np.array([0.0, height, 0.0]), rings=20))
     openness = vertex_openness(Raycaster(mesh), 4096, 0)[4]
     assert openness == pytest.approx(1 - 1 / height**2, abs=0.015)
 

@@ -7,7 +7,7 @@ from harness.core.cameras.camera import Camera, look_at
 from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window, is_cut
 
 BOX_FACES = np.array(
     [
@@ -117,9 +117,9 @@ def test_normals_in_both_frames():
     for view, camera in enumerate(RingRig(views=4, pitch_deg=20).cameras(120, 200)):
         hits = caster.cast(camera)
         points = camera.unproject(camera.pixel_centres()[hits.mask], hits.depth[hits.mask])
-        in_world = caster.normals(camera, "world")
+        in_world = caster.normals(camera, frame="world")
         assert np.abs(in_world[hits.mask] - points / 0.4).max() < 5e-3, view
-        in_map = caster.normals(camera, "camera")
+        in_map = caster.normals(camera)
         # Right of the picture's centre the sphere's normals point right, above it up, and the
         # middle one towards the viewer.
         row, column = np.argwhere(hits.mask).mean(axis=0).astype(int)
@@ -144,8 +144,9 @@ def test_cropped_and_resized_cameras_agree():
 def test_the_window_leaves_nothing_out():
     mesh = box((-0.2, -0.9, -0.2), (0.7, 0.3, 0.2))  # out of the frame on the right
     camera = front()
-    window = screen_rectangle(mesh.vertices, camera)
-    assert window.cut
+    window = Window.around_points(mesh.vertices, camera)
+    assert is_cut(mesh.vertices, camera)
+    assert Raycaster(mesh).is_cut(camera)
     assert window.width * window.height < camera.width * camera.height
     depth = Raycaster(mesh).depth(camera)
     pixels = camera.pixel_centres().reshape(-1, 2)
@@ -162,7 +163,7 @@ def test_the_window_leaves_nothing_out():
 def test_a_mesh_outside_the_picture_gives_an_empty_answer():
     camera = front(target=(0, 0, 0))
     caster = Raycaster(box((5, 5, -0.1), (6, 6, 0.1)))
-    assert caster.window(camera).empty
+    assert caster.window(camera).is_empty
     assert not caster.mask(camera).any()
     assert np.isnan(caster.depth(camera)).all()
 

@@ -57,7 +57,7 @@ def context(tmp_path: Path) -> Context:
 
 
 def test_the_hull_of_a_sphere_touches_it_and_contains_it(tmp_path, context):
-    fine = hull8.configured({"voxel_m": "0.006"})
+    fine = hull8.configured({"hull.voxel_m": "0.006"})
     result = fine.reconstruct(photograph(sphere(RADIUS), tmp_path), context)
     mesh = result.mesh
     distance = np.linalg.norm(mesh.vertices, axis=1)
@@ -81,9 +81,9 @@ def mesh_focal() -> float:
 
 def test_block_pruning_changes_nothing(tmp_path, context):
     capture = photograph(sphere(0.2, (0.1, 0.2, -0.05)), tmp_path)
-    coarse = {"voxel_m": "0.02"}
+    coarse = {"hull.voxel_m": "0.02"}
     pruned = hull8.configured(coarse).reconstruct(capture, context).mesh
-    whole = hull8.configured({**coarse, "block": "64"}).reconstruct(capture, context).mesh
+    whole = hull8.configured({**coarse, "hull.block": "64"}).reconstruct(capture, context).mesh
     assert pruned.signed_volume == pytest.approx(whole.signed_volume, rel=0.01)
 
 
@@ -91,7 +91,7 @@ def test_a_subject_cut_by_the_frame_is_not_carved_beyond_it(tmp_path, context):
     tall = sphere(1.0)
     stretched = Mesh(tall.vertices * (0.2, 1.12, 0.2), tall.faces)  # the frame is 2.16 m high
     mesh = (
-        hull8.configured({"voxel_m": "0.02"})
+        hull8.configured({"hull.voxel_m": "0.02"})
         .reconstruct(photograph(stretched, tmp_path), context)
         .mesh
     )
@@ -107,9 +107,9 @@ def test_no_subject_is_an_error(tmp_path, context):
 
 
 def test_settings_are_checked():
-    assert HullSettings().voxel_m == hull8.info.parameters["voxel_m"]
-    assert hull8.configured({"voxel_m": "0.01"}).info.parameters["voxel_m"] == 0.01
-    with pytest.raises(HarnessError, match="Did you mean 'voxel_m'"):
-        hull8.configured({"voxel": "0.01"})
+    assert HullSettings().voxel_m == hull8.info.parameters["hull"]["voxel_m"]
+    assert hull8.configured({"hull.voxel_m": "0.01"}).info.parameters["hull"]["voxel_m"] == 0.01
+    with pytest.raises(HarnessError, match="Did you mean 'hull.voxel_m'"):
+        hull8.configured({"hull.voxel": "0.01"})
     with pytest.raises(HarnessError, match="cannot be 'big'"):
-        hull8.configured({"voxel_m": "big"})
+        hull8.configured({"hull.voxel_m": "big"})

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from harness.core.results import FScore
 from metrics.score import score
 
 
@@ -24,7 +25,7 @@ def test_a_perfect_copy(shapes, exact):
     assert found["p2s_completeness"] < 1e-4
     assert found["chamfer"] < 1e-4
     assert found["normal_error"] < 1e-3
-    assert result.diagnostics["f_score"]["5_mm"] == {"precision": 1, "recall": 1, "f": 1}
+    assert result.diagnostics.f_score["5_mm"] == FScore(precision=1, recall=1, f=1)
 
 
 def test_a_perfect_copy_scores_the_sampling_floor(shapes, mexecon):
@@ -57,7 +58,7 @@ def test_concentric_spheres(shapes, protocol, angle_deg, request):
     assert result.metrics["p2s_accuracy"].value == pytest.approx(100, abs=0.05)
     assert result.metrics["p2s_completeness"].value == pytest.approx(100, abs=0.05)
     assert result.metrics["normal_error"].value < angle_deg
-    assert result.diagnostics["f_score"]["50_mm"]["f"] == 0
+    assert result.diagnostics.f_score["50_mm"].f == 0
     assert result.metrics["chamfer"].value >= 99.9
 
 
@@ -70,11 +71,11 @@ def test_a_shifted_sphere(shapes, exact):
     assert_within_error(result.metrics["chamfer"], 250, facets=0.1)
     assert_within_error(result.metrics["normal_error"], 22.5, facets=0.02)
     for direction in ("predicted_to_truth", "truth_to_predicted"):
-        found = result.diagnostics[direction]
+        found = getattr(result.diagnostics, direction)
         for q in (50, 90, 95, 99):
-            assert found[f"p{q}_mm"] == pytest.approx(5 * q, abs=1)
-        assert found["max_sampled_mm"] == pytest.approx(500, abs=1)
-    assert result.diagnostics["f_score"]["50_mm"]["f"] == pytest.approx(0.1, abs=0.005)
+            assert getattr(found, f"p{q}_mm") == pytest.approx(5 * q, abs=1)
+        assert found.max_sampled_mm == pytest.approx(500, abs=1)
+    assert result.diagnostics.f_score["50_mm"].f == pytest.approx(0.1, abs=0.005)
 
 
 def test_parallel_squares(shapes, exact):
@@ -89,8 +90,8 @@ def test_a_square_facing_away(shapes, exact):
     away = shapes.flipped(shapes.moved(shapes.square(), (0, 0, 0.05)))
     result = score(away, shapes.square(), exact)
     assert result.metrics["normal_error"].value == pytest.approx(180)
-    assert result.diagnostics["normals"]["unoriented_mean_deg"] == pytest.approx(0, abs=1e-6)
-    assert result.diagnostics["normals"]["share_over_90"] == 1
+    assert result.diagnostics.normals.unoriented_mean_deg == pytest.approx(0, abs=1e-6)
+    assert result.diagnostics.normals.share_over_90 == 1
     assert "100% of the predicted normals point away" in result.warnings[0]
 
 
@@ -98,9 +99,7 @@ def test_a_square_shifted_in_its_plane_as_well(shapes, exact):
     result = score(shapes.moved(shapes.square(), (0.2, 0, 0.05)), shapes.square(), exact)
     assert_within_error(result.metrics["p2s_accuracy"], 63.2339, facets=1e-3)
     assert_within_error(result.metrics["p2s_completeness"], 63.2339, facets=1e-3)
-    assert result.diagnostics["predicted_to_truth"]["max_sampled_mm"] == pytest.approx(
-        206.155, abs=1
-    )
+    assert result.diagnostics.predicted_to_truth.max_sampled_mm == pytest.approx(206.155, abs=1)
 
 
 def test_a_square_turned_about_its_middle(shapes, exact):
@@ -109,7 +108,7 @@ def test_a_square_turned_about_its_middle(shapes, exact):
     assert_within_error(result.metrics["p2s_accuracy"], 125)
     assert_within_error(result.metrics["p2s_completeness"], 125)
     assert result.metrics["normal_error"].value == pytest.approx(30)
-    assert result.diagnostics["predicted_to_truth"]["max_sampled_mm"] == pytest.approx(250, abs=1)
+    assert result.diagnostics.predicted_to_truth.max_sampled_mm == pytest.approx(250, abs=1)
 
 
 def test_a_shifted_cube(shapes, exact):
@@ -126,7 +125,7 @@ def test_half_a_sphere_pins_the_directions(shapes, exact):
     result = score(half, whole, exact)
     assert result.metrics["p2s_accuracy"].value < 1e-3
     assert_within_error(result.metrics["p2s_completeness"], 2e3 * (np.sqrt(2) - 1) / 3, facets=0.2)
-    assert result.diagnostics["meshes"]["predicted"]["inverted"] is None
+    assert result.diagnostics.meshes["predicted"].inverted is None
 
 
 def test_a_limb_displaced_by_its_own_radius(shapes, exact):
@@ -166,7 +165,7 @@ def test_swapping_the_meshes_swaps_the_directions(shapes, exact):
     assert_within_error(
         there.metrics["p2s_accuracy"], back.metrics["p2s_completeness"].value, facets=0.02
     )
-    assert there.diagnostics["normals"]["truth_to_predicted_mean_deg"] == pytest.approx(
+    assert there.diagnostics.normals.truth_to_predicted_mean_deg == pytest.approx(
         back.metrics["normal_error"].value, abs=0.3
     )
 
@@ -199,8 +198,8 @@ def test_an_inside_out_mesh_is_named(shapes, exact):
     result = score(shapes.flipped(shapes.sphere(1.01)), shapes.sphere(), exact)
     assert result.metrics["normal_error"].value == pytest.approx(180, abs=0.1)
     assert result.metrics["p2s_accuracy"].value == pytest.approx(10, abs=0.05)
-    assert result.diagnostics["meshes"]["predicted"]["inverted"] is True
-    assert result.diagnostics["meshes"]["truth"]["inverted"] is False
+    assert result.diagnostics.meshes["predicted"].inverted is True
+    assert result.diagnostics.meshes["truth"].inverted is False
     assert result.warnings == (
         "the predicted mesh is inside out: its faces are wound clockwise seen from outside",
     )

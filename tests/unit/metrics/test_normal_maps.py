@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
+from harness.core.formats.typed_json import to_json
+from harness.core.truth import FaceRegions
 from metrics.normal_maps import THRESHOLDS_DEG, angular_error_map, angular_errors
-from metrics.regions import FaceRegions
 
 
 def hemisphere(size=41):
@@ -61,7 +62,7 @@ def test_shares_are_of_pixels_strictly_below():
 
 
 def test_no_pixels_have_no_error():
-    found = angular_errors(np.empty(0)).to_dict()
+    found = to_json(angular_errors(np.empty(0)))
     assert found.pop("n") == 0
     assert set(found.values()) == {None}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.geometry.surface import SurfaceIndex
-from metrics.normals import angles_deg, normal_diagnostics
+from metrics.normals import angles_deg, normal_summary
 from metrics.score import score
 
 
@@ -29,10 +29,10 @@ def test_angles_agree_with_the_slow_twin():
 def test_independent_normals_are_90_degrees_apart_and_one_radian_without_orientation():
     errors = angles_deg(random_units(0, 200_000), random_units(1, 200_000))
     assert errors.mean() == pytest.approx(90, abs=0.4)
-    found = normal_diagnostics(errors)
-    assert found["unoriented_mean_deg"] == pytest.approx(math.degrees(1), abs=0.2)
-    assert found["median_deg"] == pytest.approx(90, abs=0.5)
-    assert found["share_over_90"] == pytest.approx(0.5, abs=0.005)
+    found = normal_summary(errors, errors)
+    assert found.unoriented_mean_deg == pytest.approx(math.degrees(1), abs=0.2)
+    assert found.median_deg == pytest.approx(90, abs=0.5)
+    assert found.share_over_90 == pytest.approx(0.5, abs=0.005)
 
 
 @pytest.mark.parametrize("tiny", [1e-12, 1e-9, 1e-6])

@@ -6,8 +6,10 @@ import json
 import numpy as np
 import pytest
 
+from harness.core.formats.typed_json import to_json
 from harness.core.settings import MetricProtocol
-from metrics.regions import FAR_MM, FaceRegions, region_errors
+from harness.core.truth import FaceRegions
+from metrics.regions import FAR_MM, region_errors
 from metrics.score import score
 
 GAP = 0.4
@@ -109,6 +111,6 @@ def test_a_region_without_an_area_is_not_there(halves, shapes, measured):
 
 def test_errors_are_plain_json(halves, measured):
     _, found = measured(halves[0])
-    document = json.loads(json.dumps(found["right"].to_dict(), allow_nan=False))
+    document = json.loads(json.dumps(to_json(found["right"]), allow_nan=False))
     assert set(document) == {field.name for field in dataclasses.fields(found["right"])}
     assert document["accuracy_mm"] is None

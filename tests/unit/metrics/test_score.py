@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError, HarnessError
+from harness.core.formats.typed_json import to_json
 from harness.core.metric_catalog import METRICS
 from metrics.score import score
 
@@ -50,7 +51,7 @@ def test_the_two_protocols_differ_in_chamfer_and_in_the_weights_of_normals(pair,
 def test_the_other_direction_has_no_mistake_of_the_published_evaluator(pair, mexecon):
     right = dataclasses.replace(mexecon, normal_weights="barycentric")
     permuted, plain = (
-        score(*pair, rules).diagnostics["normals"]["truth_to_predicted_mean_deg"]
+        score(*pair, rules).diagnostics.normals.truth_to_predicted_mean_deg
         for rules in (mexecon, right)
     )
     assert permuted == plain
@@ -112,7 +113,7 @@ def test_a_score_is_plain_json(pair, mexecon):
     document = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert document["protocol"]["name"] == "mexecon"
     assert document["protocol"]["sha"] == mexecon.sha
-    assert document["metrics"]["chamfer"] == result.metrics["chamfer"].to_dict()
+    assert document["metrics"]["chamfer"] == to_json(result.metrics["chamfer"])
     assert document["diagnostics"]["alignment"] == "none"
     assert set(document["diagnostics"]["f_score"]) == {"5_mm", "10_mm", "20_mm", "50_mm"}
 
@@ -121,12 +122,12 @@ def test_errors_are_kept_point_by_point_on_request_only(pair, exact):
     assert score(*pair, exact).predicted_points is None
     result = score(*pair, exact, keep_points=True)
     there, back = result.predicted_points, result.truth_points
-    metrics, normals = result.metrics, result.diagnostics["normals"]
+    metrics, normals = result.metrics, result.diagnostics.normals
     assert there.points.shape == back.points.shape == (exact.samples, 3)
     assert there.distances_mm.mean() == pytest.approx(metrics["p2s_accuracy"].value)
     assert back.distances_mm.mean() == pytest.approx(metrics["p2s_completeness"].value)
     assert there.normal_errors_deg.mean() == pytest.approx(metrics["normal_error"].value)
-    assert back.normal_errors_deg.mean() == pytest.approx(normals["truth_to_predicted_mean_deg"])
+    assert back.normal_errors_deg.mean() == pytest.approx(normals.truth_to_predicted_mean_deg)
 
     for kept, own, other in ((there, *pair), (back, *pair[::-1])):
         assert off_plane_mm(kept.points, own, kept.faces) == pytest.approx(0, abs=1e-3)
@@ -182,7 +183,7 @@ def test_faces_without_area_are_counted_and_change_nothing(pair, exact):
     extra = np.repeat(predicted.faces[:5, :1], 3, axis=1)
     padded = dataclasses.replace(predicted, faces=np.vstack([predicted.faces, extra]))
     first, second = score(predicted, truth, exact), score(padded, truth, exact)
-    assert second.diagnostics["meshes"]["predicted"]["faces_without_area"] == 5
+    assert second.diagnostics.meshes["predicted"].faces_without_area == 5
     for name, metric in first.metrics.items():
         error = 4 * metric.standard_error
         assert second.metrics[name].value == pytest.approx(metric.value, abs=error)

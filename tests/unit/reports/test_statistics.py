@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from harness.core.errors import HarnessError
-from reports.statistics import bootstrap_interval, paired_difference, sign_flip_p_value
+from reports.statistics import (
+    bootstrap_ends,
+    bootstrap_interval,
+    percentile_ends,
+    sign_flip_p_value,
+)
 
 
 def test_an_interval_is_about_two_standard_errors_wide():
@@ -96,13 +101,19 @@ def test_methods_are_compared_subject_by_subject():
     """Subjects differ far more than methods do: unpaired, nothing could be told."""
     subjects = np.random.default_rng(0).normal(30, 10, size=16)
     better = subjects - 1 + np.random.default_rng(1).normal(0, 0.2, size=16)
-    found = paired_difference(better.tolist(), subjects.tolist())
-    assert found.interval.mean == pytest.approx(-1, abs=0.2)
-    assert -1.3 < found.interval.low < found.interval.high < -0.7
-    assert found.p_value == 2 / 2**16
-    assert found.first_is_lower == 16
+    differences = better - subjects
+    found = bootstrap_interval(differences.tolist())
+    assert found.mean == pytest.approx(-1, abs=0.2)
+    assert -1.3 < found.low < found.high < -0.7
+    assert sign_flip_p_value(differences) == 2 / 2**16
 
 
-def test_methods_with_different_subjects_are_not_compared():
-    with pytest.raises(HarnessError, match="2 and 3 values"):
-        paired_difference([1.0, 2], [1.0, 2, 3])
+def test_ends_are_those_of_the_interval_and_need_two_subjects():
+    values = [20.0, 21.0, 26.0, 30.0]
+    found = bootstrap_interval(values)
+    assert bootstrap_ends(values) == (found.low, found.high)
+    low, high = percentile_ends(values)
+    assert low < np.mean(values) < high
+    for ends in (bootstrap_ends, percentile_ends):
+        with pytest.raises(HarnessError, match="at least two subjects .*got 1"):
+            ends([20.0])

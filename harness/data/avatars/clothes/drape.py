@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.errors import MethodError
-from harness.core.process.workers import Progress, run_worker
+from harness.core.process.steps import StepReport
+from harness.core.process.workers import run_worker
 from harness.data.avatars.clothes.patterns import Piece
 from harness.data.avatars.mesh.nearness import Nearness, keep_off
 from harness.data.avatars.mesh.quads import Floats, triangles
-from harness.data.avatars.people.body import SKIN_VERTICES, Body, Posed, carry
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
 from harness.data.avatars.people.poses import Pose, joint_rotations
 
 __all__ = ["DrapeCheck", "Draped", "drape"]
@@ -89,7 +90,7 @@ def _ease_in_out(share: float) -> float:
     return share * share * (3 - 2 * share)
 
 
-def _path(body: Body, pose: Pose, motion: _Motion) -> list[Posed]:
+def _path(body: AvatarBody, pose: Pose, motion: _Motion) -> list[PosedAvatar]:
     """The body in each frame: shoulders and hips first, elbows a little later."""
     frames = []
     for k in range(motion.moving + motion.waiting):
@@ -118,7 +119,11 @@ def _judge(
 
 
 def _solve(
-    body: Body, path: list[Posed], pieces: Sequence[Piece], quality: int, progress: Progress | None
+    body: AvatarBody,
+    path: list[PosedAvatar],
+    pieces: Sequence[Piece],
+    quality: int,
+    progress: StepReport | None,
 ) -> list[Floats]:
     """The last two frames (2,V,3) of each piece."""
     with tempfile.TemporaryDirectory(prefix="harness-drape-") as name:
@@ -146,7 +151,7 @@ def _solve(
 
 
 def drape(
-    body: Body, pose: Pose, pieces: Sequence[Piece], progress: Progress | None = None
+    body: AvatarBody, pose: Pose, pieces: Sequence[Piece], progress: StepReport | None = None
 ) -> list[Draped]:
     """The pieces at rest on the posed body, draped one after the other in their order.
 

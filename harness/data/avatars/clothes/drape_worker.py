@@ -13,7 +13,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from harness.core.process.workers import Progress, worker_main
+from harness.core.process.steps import StepReport
+from harness.core.process.workers import worker_main
 
 __all__ = ["drape"]
 
@@ -96,7 +97,7 @@ def _add_cloth(
 
 
 def _solve(
-    item: bpy.types.Object, frames: int, tick: Progress, done: int, total: int
+    item: bpy.types.Object, frames: int, tick: StepReport, done: int, total: int
 ) -> np.ndarray:
     scene = bpy.context.scene
     positions = []
@@ -110,7 +111,7 @@ def _solve(
     return np.array(positions)
 
 
-def drape(job: dict[str, object], tick: Progress) -> dict[str, object]:
+def drape(job: dict[str, object], tick: StepReport) -> dict[str, object]:
     """Drape the job's garments and write the last two frames of each.
 
     Job: ``folder``; ``body`` and ``garments[].file``: .npz with frames (N,V,3) m in the product's

@@ -7,7 +7,7 @@ import numpy as np
 from harness.data.avatars.clothes.layer import Layer
 from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.mesh.quads import Floats, Ints, SparseMatrix, grid
-from harness.data.avatars.people.body import SKIN_VERTICES, Body, Posed, carry
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
 from harness.data.avatars.people.landmarks import heights
 
 __all__ = ["collar", "shoes"]
@@ -33,7 +33,7 @@ def _swell(points: Floats, centre: Floats, margin: float) -> Floats:
     return points + margin * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 0.02)
 
 
-def _shoe(body: Body, side: str) -> tuple[tuple[Floats, Ints], tuple[Floats, Ints]]:
+def _shoe(body: AvatarBody, side: str) -> tuple[tuple[Floats, Ints], tuple[Floats, Ints]]:
     """Upper and sole of one shoe around the unposed foot."""
     skin = body.vertices[:SKIN_VERTICES]
     chosen = [
@@ -56,7 +56,7 @@ def _shoe(body: Body, side: str) -> tuple[tuple[Floats, Ints], tuple[Floats, Int
     return _hull(upper), _hull(slab.reshape(-1, 3))
 
 
-def shoes(body: Body, posed: Posed) -> list[Layer]:
+def shoes(body: AvatarBody, posed: PosedAvatar) -> list[Layer]:
     """Both shoes, each an upper and a sole, rigid with the foot."""
     layers = []
     for side in "LR":
@@ -71,7 +71,7 @@ def shoes(body: Body, posed: Posed) -> list[Layer]:
     return layers
 
 
-def collar(body: Body, posed: Posed, kind: str, seed: int) -> Layer:
+def collar(body: AvatarBody, posed: PosedAvatar, kind: str, seed: int) -> Layer:
     """A roll of cloth round the neck: a folded collar, or a hood that lies on the back."""
     base = body.joint("neck01") + np.array([0.0, -0.012, 0.0])
     hood = kind == "hood"
@@ -107,7 +107,7 @@ def collar(body: Body, posed: Posed, kind: str, seed: int) -> Layer:
     return Layer("top", vertices, faces, place)
 
 
-def _neck_weights(body: Body, points: Floats) -> SparseMatrix:
+def _neck_weights(body: AvatarBody, points: Floats) -> SparseMatrix:
     """The weights of the nearest skin below the neck."""
     from scipy.sparse import coo_matrix
     from scipy.spatial import KDTree

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.data.avatars.mesh.quads import Floats, Ints, grid
-from harness.data.avatars.people.body import SKIN_VERTICES, Body
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody
 from harness.data.avatars.people.landmarks import trunk_axis
 
 __all__ = ["Tube", "hang"]
@@ -46,7 +46,7 @@ def _even(angle: Floats) -> Floats:
     )
 
 
-def hang(body: Body, border: Floats, hem: float, flare: float, ripple: float) -> Tube:
+def hang(body: AvatarBody, border: Floats, hem: float, flare: float, ripple: float) -> Tube:
     """A tube from a closed border (N,3), running against its own faces, down to the height ``hem``.
 
     It never narrows, clears the convex hull of the unposed legs, widens by ``flare`` of its width

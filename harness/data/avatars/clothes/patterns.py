@@ -19,14 +19,14 @@ from harness.data.avatars.mesh.quads import (
     SparseMatrix,
     border_loops,
     compact,
-    components,
     refine,
     relax,
     relax_border,
     vertex_normals,
 )
-from harness.data.avatars.people.body import Body
+from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.people.landmarks import Heights, Places, heights, places, ramp, trunk_axis
+from harness.geometry.topology import pieces_of
 
 __all__ = ["Piece", "cut_bottom", "cut_top"]
 
@@ -70,8 +70,8 @@ class _Sheet:
             raise DataError(
                 "a garment's cut leaves no cloth", hint="Check the lengths in its recipe"
             )
-        piece = components(len(self.vertices), quads)[quads[:, 0]]
-        used, self.quads = compact(quads[piece == np.bincount(piece).argmax()])
+        pieces = pieces_of(quads, len(self.vertices))
+        used, self.quads = compact(quads[pieces.of_face == pieces.face_counts.argmax()])
         self.vertices, self.weights = self.vertices[used], self.weights[used]
         self.pattern, self.pin = self.pattern[used], self.pin[used]
         self.opening = self.opening[used]
@@ -91,7 +91,7 @@ class _Sheet:
         self.vertices = keep_off(self.vertices, self.quads, skin, _CLEAR_M)
 
 
-def _tights(body: Body) -> _Sheet:
+def _tights(body: AvatarBody) -> _Sheet:
     used, quads = compact(body.quads("tights"))
     weights = body.weights[used]
     vertices, quads, dense = refine(body.vertices[used], quads, _LEVELS, weights.toarray())
@@ -107,7 +107,7 @@ def _level(vertices: Floats, loop: Ints, height: float) -> None:
     vertices[loop, 1] = height
 
 
-def _neck_mask(body: Body, at: Heights, top: Top, vertices: Floats) -> np.ndarray:
+def _neck_mask(body: AvatarBody, at: Heights, top: Top, vertices: Floats) -> np.ndarray:
     """Vertices below the neckline."""
     base = body.joint("neck01")
     forward = vertices[:, 2] - base[2]
@@ -117,7 +117,7 @@ def _neck_mask(body: Body, at: Heights, top: Top, vertices: Floats) -> np.ndarra
     return (vertices[:, 1] < line) | beside
 
 
-def _ease_top(body: Body, at: Heights, top: Top, sheet: _Sheet) -> Floats:
+def _ease_top(body: AvatarBody, at: Heights, top: Top, sheet: _Sheet) -> Floats:
     """The sheet's vertices with the cut's widths."""
     p, where = sheet.vertices, sheet.places
     chest = 1 + (top.chest - 1) * ramp(p[:, 1], at.shoulder + 0.02, at.shoulder - 0.14)
@@ -132,7 +132,7 @@ def _ease_top(body: Body, at: Heights, top: Top, sheet: _Sheet) -> Floats:
     return trunk * (1 - share) + sleeve * share + _EASE_M * vertex_normals(p, sheet.quads)
 
 
-def _straighten_cuffs(body: Body, sheet: _Sheet, sleeve: float) -> None:
+def _straighten_cuffs(body: AvatarBody, sheet: _Sheet, sleeve: float) -> None:
     """Each sleeve's end made flat across the arm."""
     bones = ("lowerarm01", "wrist") if sleeve > 0.5 else ("upperarm01", "lowerarm01")
     for loop in border_loops(sheet.quads):
@@ -146,7 +146,7 @@ def _straighten_cuffs(body: Body, sheet: _Sheet, sleeve: float) -> None:
         sheet.vertices[loop] -= off[:, None] * axis
 
 
-def _front_strip(body: Body, sheet: _Sheet, width: float) -> np.ndarray:
+def _front_strip(body: AvatarBody, sheet: _Sheet, width: float) -> np.ndarray:
     """Vertices within a strip down the front."""
     forward = sheet.vertices[:, 2] - trunk_axis(body, sheet.vertices[:, 1])[:, 2]
     return (np.abs(sheet.vertices[:, 0]) < width / 2) & (forward > 0) & (sheet.places.arm < 0.3)
@@ -161,7 +161,7 @@ def _smooth_neckline(sheet: _Sheet) -> Ints:
     return neck
 
 
-def cut_top(body: Body, top: Top, skin: Nearness, name: str = "top") -> Piece:
+def cut_top(body: AvatarBody, top: Top, skin: Nearness, name: str = "top") -> Piece:
     """A garment that hangs from the shoulders."""
     at = heights(body)
     sheet = _tights(body)
@@ -201,7 +201,7 @@ def cut_top(body: Body, top: Top, skin: Nearness, name: str = "top") -> Piece:
 
 
 def _lengthen(
-    body: Body, sheet: _Sheet, loop: Ints, hem: float, flare: float, ripple: float
+    body: AvatarBody, sheet: _Sheet, loop: Ints, hem: float, flare: float, ripple: float
 ) -> None:
     """Hang a tube from a border down to the height ``hem``."""
     from scipy.sparse import vstack
@@ -225,7 +225,7 @@ def _lengthen(
     )
 
 
-def _ease_trousers(body: Body, at: Heights, bottom: Bottom, sheet: _Sheet) -> Floats:
+def _ease_trousers(body: AvatarBody, at: Heights, bottom: Bottom, sheet: _Sheet) -> Floats:
     p, where = sheet.vertices, sheet.places
     widths = [1, 1 + (bottom.knee - 1) * 0.4, bottom.knee, bottom.cuff]
     k = np.interp(where.down_leg, [0, 0.12, 0.5, 1], widths)
@@ -242,7 +242,7 @@ def _ease_trousers(body: Body, at: Heights, bottom: Bottom, sheet: _Sheet) -> Fl
     return eased
 
 
-def cut_bottom(body: Body, bottom: Bottom, skin: Nearness, name: str = "bottom") -> Piece:
+def cut_bottom(body: AvatarBody, bottom: Bottom, skin: Nearness, name: str = "bottom") -> Piece:
     """A garment that hangs from the waist."""
     at = heights(body)
     sheet = _tights(body)

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from harness.core.arrays import Floats, Ints
+from harness.geometry.topology import edges_of, half_edges
 
 __all__ = [
     "Floats",
@@ -17,7 +18,6 @@ __all__ = [
     "SparseMatrix",
     "border_loops",
     "compact",
-    "components",
     "grid",
     "refine",
     "relax",
@@ -50,7 +50,7 @@ def compact(faces: Ints) -> tuple[Ints, Ints]:
 
 def _sides(faces: Ints) -> Ints:
     """Directed edges (F*K,2), face after face."""
-    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    return np.stack(half_edges(faces), axis=1)
 
 
 def subdivision(size: int, quads: Ints) -> tuple[SparseMatrix, Ints]:
@@ -60,9 +60,9 @@ def subdivision(size: int, quads: Ints) -> tuple[SparseMatrix, Ints]:
     """
     from scipy.sparse import coo_matrix, identity, vstack
 
-    edges, edge_of = np.unique(np.sort(_sides(quads), axis=1), axis=0, return_inverse=True)
-    edge_of = edge_of.reshape(-1, 4) + size
-    centre = size + len(edges) + np.arange(len(quads))
+    edges = edges_of(quads)
+    edge_of = edges.of_side + size
+    centre = size + len(edges.ends) + np.arange(len(quads))
 
     def mean(members: Ints) -> SparseMatrix:
         count, per = members.shape
@@ -70,7 +70,7 @@ def subdivision(size: int, quads: Ints) -> tuple[SparseMatrix, Ints]:
         values = np.full(count * per, 1 / per)
         return coo_matrix((values, (rows, members.ravel())), shape=(count, size)).tocsr()
 
-    matrix = vstack([identity(size), mean(edges), mean(quads)]).tocsr()
+    matrix = vstack([identity(size), mean(edges.ends), mean(quads)]).tocsr()
     parts = [
         np.stack([quads[:, k], edge_of[:, k], centre, edge_of[:, k - 1]], axis=1) for k in range(4)
     ]
@@ -162,16 +162,6 @@ def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
         axis=1,
     )
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-
-
-def components(size: int, faces: Ints) -> Ints:
-    """The connected piece (V,) each vertex belongs to."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    sides = _sides(faces)
-    graph = coo_matrix((np.ones(len(sides)), tuple(sides.T)), shape=(size, size))
-    return connected_components(graph, directed=False)[1]
 
 
 def grid(points: Floats, closed: bool) -> tuple[Floats, Ints]:

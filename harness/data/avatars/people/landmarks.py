@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.data.avatars.mesh.quads import Floats, SparseMatrix
-from harness.data.avatars.people.body import SKIN_VERTICES, Body
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody
 
 __all__ = ["Heights", "Places", "heights", "places", "ramp", "trunk_axis"]
 
@@ -45,7 +45,7 @@ class Heights:
     ground: float
 
 
-def heights(body: Body) -> Heights:
+def heights(body: AvatarBody) -> Heights:
     """The landmarks of a body."""
     skin = body.vertices[:SKIN_VERTICES]
     middle = skin[(np.abs(skin[:, 0]) < 0.01) & (skin[:, 1] < 0.1)]
@@ -94,7 +94,7 @@ def _along(points: Floats, joints: Floats) -> tuple[Floats, Floats]:
     return share, place
 
 
-def places(body: Body, vertices: Floats, weights: SparseMatrix) -> Places:
+def places(body: AvatarBody, vertices: Floats, weights: SparseMatrix) -> Places:
     """The places of vertices (V,3) with given skinning weights."""
     left = vertices[:, 0] > 0
 
@@ -118,7 +118,7 @@ def places(body: Body, vertices: Floats, weights: SparseMatrix) -> Places:
     )
 
 
-def trunk_axis(body: Body, y: Floats) -> Floats:
+def trunk_axis(body: AvatarBody, y: Floats) -> Floats:
     """The middle (N,3) of the trunk at heights (N,)."""
     spine = np.array([body.joint(bone) for bone in _TRUNK])
     # The spine runs behind the trunk's middle; a few fingers forward is the middle.

@@ -20,7 +20,7 @@ from harness.data.avatars.mesh.quads import Floats
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-    from harness.data.avatars.people.body import Body
+    from harness.data.avatars.people.body import AvatarBody
 
 __all__ = ["POSES", "Limb", "Pose", "joint_rotations", "limb_direction", "trunk_rotation"]
 
@@ -137,7 +137,7 @@ def _least_rotation(start: Floats, end: Floats) -> Floats:
 
 
 def _limb_rotations(
-    body: Body, kind: str, limb: Limb, side: str, base: Floats
+    body: AvatarBody, kind: str, limb: Limb, side: str, base: Floats
 ) -> dict[str, Floats]:
     from scipy.spatial.transform import Rotation
 
@@ -155,7 +155,7 @@ def _limb_rotations(
 
 
 def joint_rotations(
-    body: Body, pose: Pose, reach: float = 1.0, bend: float = 1.0
+    body: AvatarBody, pose: Pose, reach: float = 1.0, bend: float = 1.0
 ) -> dict[str, Floats]:
     """Rotation vectors (3,) in radians by bone, about the product's axes at the unposed joint.
 

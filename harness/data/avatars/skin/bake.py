@@ -12,9 +12,8 @@ from harness.data.avatars.mesh.atlas import Atlas, Texels
 from harness.data.avatars.mesh.faces import neighbours, without_islands
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, Ints
-from harness.data.avatars.people.body import SKIN_VERTICES, Body
-from harness.data.avatars.recipe import AvatarRecipe
-from harness.data.avatars.skin.paint import Painter
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody
+from harness.data.avatars.skin.paint import Appearance, Painter
 
 __all__ = ["TEXTURE_SIZE", "bake", "face_labels", "face_owners"]
 
@@ -104,12 +103,12 @@ def bake(
 
 
 def face_labels(
-    recipe: AvatarRecipe, body: Body, layers: list[Layer], owner: Ints, nearest_vertex: Ints
+    looks: Appearance, body: AvatarBody, layers: list[Layer], owner: Ints, nearest_vertex: Ints
 ) -> tuple[Ints, tuple[str, ...]]:
     """Region of each face: parts of the bare body, hair, shoes, and garments by name."""
     worn = {
-        "top": recipe.top.kind,
-        "bottom": recipe.bottom.kind if recipe.bottom else "",
+        "top": looks.top.kind,
+        "bottom": looks.bottom.kind if looks.bottom else "",
         "inner": "shirt",
     }
     names = [name for name, _ in _REGIONS] + ["eyes", "hair", "shoes"]

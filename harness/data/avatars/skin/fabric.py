@@ -9,7 +9,7 @@ import numpy as np
 from harness.data.avatars.clothes.wardrobe import Fabric
 from harness.data.avatars.mesh.noise import folds, smooth_noise
 from harness.data.avatars.mesh.quads import Floats
-from harness.data.avatars.people.body import Body
+from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.people.landmarks import trunk_axis
 
 __all__ = ["band", "cloth_colour", "mix"]
@@ -42,7 +42,7 @@ def band(values: Floats, half_width: float, soft: float) -> Floats:
     return np.clip((half_width - np.abs(values)) / soft + 0.5, 0, 1)
 
 
-def _cloth_coordinates(body: Body, place: Floats, limb: str) -> tuple[Floats, Floats]:
+def _cloth_coordinates(body: AvatarBody, place: Floats, limb: str) -> tuple[Floats, Floats]:
     """(N,) metres around and (N,) metres down the cloth, sleeves and legs along their own limb."""
     points, part = place[:, :3], np.rint(place[:, 3])
     axis = trunk_axis(body, points[:, 1])
@@ -121,7 +121,7 @@ _PATTERNS = {
 }
 
 
-def cloth_colour(fabric: Fabric, body: Body, place: Floats, limb: str, seed: int) -> Floats:
+def cloth_colour(fabric: Fabric, body: AvatarBody, place: Floats, limb: str, seed: int) -> Floats:
     """Colours (N,3) of cloth at places (N,5): pattern, weave, and the hem's seam.
 
     ``limb``: whether the cloth's limbs are those of an ``arm`` or a ``leg``. A print is centred on

@@ -19,7 +19,7 @@ from harness.data.avatars.mesh.quads import (
     refine,
     vertex_normals,
 )
-from harness.data.avatars.people.body import SKIN_VERTICES, Body, Posed, carry
+from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
 
 __all__ = ["grow_hair"]
 
@@ -39,7 +39,7 @@ class _Head:
     back: float
 
 
-def _head(body: Body) -> _Head:
+def _head(body: AvatarBody) -> _Head:
     skin = body.vertices[:SKIN_VERTICES]
     share = body.members("head")[:SKIN_VERTICES]
     own = skin[share > 0.5]
@@ -73,7 +73,7 @@ def _locks(points: Floats, centre: Floats, style: str, seed: int) -> Floats:
     return broad + fine
 
 
-def _cap(body: Body, head: _Head, hair: Hair, seed: int) -> tuple[Floats, Ints]:
+def _cap(body: AvatarBody, head: _Head, hair: Hair, seed: int) -> tuple[Floats, Ints]:
     quads = body.quads("skin")
     centres = body.vertices[quads].mean(1)
     above, _ = _above_hairline(centres, head.centre)
@@ -152,7 +152,7 @@ def _fall(
     return grid(np.stack(rows), closed=False)
 
 
-def grow_hair(body: Body, posed: Posed, hair: Hair, seed: int) -> list[Layer]:
+def grow_hair(body: AvatarBody, posed: PosedAvatar, hair: Hair, seed: int) -> list[Layer]:
     """The hair of a person as layers named ``hair``: what sits on the head moves with it."""
     head = _head(body)
     parts = [_cap(body, head, hair, seed)]
@@ -174,7 +174,7 @@ def grow_hair(body: Body, posed: Posed, hair: Hair, seed: int) -> list[Layer]:
     return layers
 
 
-def _falling_weights(body: Body, points: Floats) -> SparseMatrix:
+def _falling_weights(body: AvatarBody, points: Floats) -> SparseMatrix:
     """Hair follows the head above the neck and the chest below it."""
     from scipy.sparse import csr_matrix
 

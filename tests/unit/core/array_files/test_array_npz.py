@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from harness.core.array_files.npz import read_array_npz
+from harness.core.array_files.npz import read_array_npz, read_required_arrays, write_npz
 from harness.core.errors import DataError
 
 KINDS = [
@@ -76,3 +76,26 @@ def test_a_wanted_array_of_objects_is_refused(tmp_path):
     np.savez(tmp_path / "a.npz", a=np.array({}, dtype=object))
     with pytest.raises(DataError, match=r"'a.npy' holds something else than numbers"):
         read_array_npz(tmp_path / "a.npz", ["a"])
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_what_is_written_is_read_whole(tmp_path, compressed):
+    arrays = {"a": np.arange(3.0), "name": np.array("knee"), "mask": np.eye(2, dtype=bool)}
+    path = tmp_path / "deep" / "a.npz"
+    write_npz(path, arrays, compressed=compressed)
+    found = read_array_npz(path)
+    assert found.keys() == arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(found[name], array)
+    assert [file.name for file in path.parent.iterdir()] == ["a.npz"]
+
+
+def test_a_file_without_a_required_array_says_what_it_should_hold(tmp_path):
+    write_npz(tmp_path / "a.npz", {"a": np.arange(3.0)})
+    assert list(read_required_arrays(tmp_path / "a.npz", ["a"], "fitted body", "Again")) == ["a"]
+    message = r"a\.npz holds no fitted body \(expected a, b; got a file without b\)\. Again"
+    with pytest.raises(DataError, match=message):
+        read_required_arrays(tmp_path / "a.npz", ["a", "b"], "fitted body", "Again")
+    (tmp_path / "b.npz").write_bytes(b"no zip")
+    with pytest.raises(DataError, match=r"b\.npz holds no fitted body .*Again"):
+        read_required_arrays(tmp_path / "b.npz", ["a"], "fitted body", "Again")

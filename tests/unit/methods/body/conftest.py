@@ -112,7 +112,7 @@ def _make_views(anny, person):
         place = Place(np.asarray(centre), 0.9, 0.4, True)
         for index, camera in enumerate(cameras):
             coverage = caster.coverage(camera, supersample=3)
-            wanted = caster.normals(camera, "camera") if normals else None
+            wanted = caster.normals(camera) if normals else None
             side = frame_side_px(coverage > 0.5)
             views.append(View(index, camera, coverage, side, place, wanted))
             seen = points @ camera.rotation.T

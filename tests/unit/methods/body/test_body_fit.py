@@ -22,6 +22,9 @@ from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO
 from methods.normals import NormalChoice
 
+#: The figure, its photos and what the detector sees in them are worked out once, in one process.
+pytestmark = pytest.mark.xdist_group("body fit")
+
 SKIN = np.array([0.80, 0.60, 0.48])
 
 
@@ -68,7 +71,7 @@ def context(tmp_path, figure):
         workdir=tmp_path,
         stage=lambda _: contextlib.nullcontext(),
         privileged={
-            "oracle_normals": lambda camera: caster.normals(camera, "camera"),
+            "oracle_normals": caster.normals,
             "subject_centre": figure[0].bounds.mean(axis=0),
         },
     )
@@ -92,6 +95,7 @@ def test_a_person_is_found_in_every_view(capture, anny, person):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_fits")
 def test_the_joint_fit_is_better_than_the_average_and_that_than_one_view(
     capture, context, anny, person
 ):
@@ -139,6 +143,7 @@ def noisy_cameras(cameras, rotation_deg, centre_m, seed):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_fits")
 def test_noisy_cameras_cost_millimetres_and_not_the_fit(capture, context, anny, person):
     noisy = replace(capture, cameras=noisy_cameras(capture.cameras, 0.2, 0.005, seed=1))
     clean, worse = (
@@ -175,7 +180,7 @@ def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
     normals_of = EstimatedNormals(capture, views, mesh.faces, NormalChoice("body"))
     caster = Raycaster(mesh)
     for view, normals in zip(views.views, normals_of(mesh.vertices), strict=True):
-        truth = caster.normals(view.camera, "camera")
+        truth = caster.normals(view.camera)
         both = truth.any(axis=2) & normals.any(axis=2)
         assert both.sum() > 0.97 * truth.any(axis=2).sum()
         cosine = (truth * normals).sum(axis=2)[both]
@@ -184,6 +189,7 @@ def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_fits")
 def test_the_papers_form_compares_normals_and_names_the_network(capture, context):
     result = jmbo8.configured({"body.iterations": "2"}).reconstruct(capture, context)
     before, after = result.details["jmbo"]["terms"]["normal"]
@@ -193,6 +199,7 @@ def test_the_papers_form_compares_normals_and_names_the_network(capture, context
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_fits")
 def test_normals_estimated_anew_change_the_fit(capture, context):
     once, anew = (
         jmbo8.configured({"body.iterations": "3", "body.normals_every": every})
@@ -215,6 +222,7 @@ def test_one_view_opens_no_other_photo(capture, context, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_fits")
 def test_a_given_centre_holds_one_views_body_there(capture, context, figure):
     given = body_front.configured({"body.depth": "subject-centre"})
     result = given.reconstruct(capture, context)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from methods.body.photos.detection import COUNT, MIRRORED, Reading, agreed
+from methods.body.photos.detection import COUNT, MIRRORED, Reading, combined
 
 WIDTH = 300
 
@@ -39,7 +39,7 @@ def test_a_left_wrist_in_the_mirror_is_a_right_one_as_far_from_the_other_side(re
 
 
 def test_readings_that_agree_lose_no_trust(reading):
-    both = agreed([reading, reading])
+    both = combined([reading, reading])
     assert both is not None
     for found, expected in zip(both, reading, strict=True):
         np.testing.assert_allclose(found, expected)
@@ -48,7 +48,7 @@ def test_readings_that_agree_lose_no_trust(reading):
 def test_a_landmark_a_twentieth_of_the_person_apart_counts_half(reading):
     moved = reading.pixels.copy()
     moved[16] += (10.0, 0.0)  # the person is 200 pixels high
-    both = agreed([reading, reading._replace(pixels=moved)])
+    both = combined([reading, reading._replace(pixels=moved)])
     assert both is not None
     assert both.confidence[16] == pytest.approx(reading.confidence[16] / 2)
     np.testing.assert_allclose(both.pixels[16], reading.pixels[16] + (5.0, 0.0))
@@ -59,7 +59,7 @@ def test_the_mean_of_six_readings_is_trusted_by_their_spread(reading):
     """Five agree, one is moved: the spread is that of two readings 2 sqrt(5) / 6 as far apart."""
     moved = reading.pixels.copy()
     moved[16] += (18.0, 0.0)
-    six = agreed([reading] * 5 + [reading._replace(pixels=moved)])
+    six = combined([reading] * 5 + [reading._replace(pixels=moved)])
     assert six is not None
     apart = 18.0 * 2 * np.sqrt(5) / 6
     trust = 1 / (1 + (apart / (0.05 * 200)) ** 2)
@@ -68,8 +68,8 @@ def test_the_mean_of_six_readings_is_trusted_by_their_spread(reading):
 
 
 def test_a_person_seen_once_is_seen_and_never_seen_is_not(reading):
-    once = agreed([reading])
+    once = combined([reading])
     assert once is not None
     for found, expected in zip(once, reading, strict=True):
         np.testing.assert_allclose(found, expected)
-    assert agreed([]) is None
+    assert combined([]) is None

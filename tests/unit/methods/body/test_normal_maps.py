@@ -40,7 +40,7 @@ def test_normals_at_pixels_equal_the_ray_caster(ball, camera):
     hits = surface.caster.cast(camera)
     face, pixels, where = pixels_of(hits)
     seen = seen_normals(skin_of(torch.tensor(vertices), faces), face, pixels, Projector(camera))
-    wanted = surface.caster.normals(camera, "camera")[where]
+    wanted = surface.caster.normals(camera)[where]
     np.testing.assert_allclose(seen.numpy(), wanted, atol=1e-4)
     assert wanted[:, 2].max() > 0.9
 
@@ -69,7 +69,7 @@ def test_gradient_is_that_of_the_picture(ball, camera, direction):
 
 def test_cost_falls_towards_the_true_place(ball, camera):
     vertices, faces = ball
-    truth = BodySurface(vertices, Topology(faces)).caster.normals(camera, "camera")
+    truth = BodySurface(vertices, Topology(faces)).caster.normals(camera)
     target = NormalTarget(Projector(camera), truth, 100.0**2, most_pixels=5000)
     moved = vertices + np.array([0.05, 0.0, 0.0])
     leaf = torch.tensor(moved, dtype=torch.float32, requires_grad=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from methods.body.models.perturbation import FitErrors, TrueParameters, as_fitted
+from harness.core.truth import TrueParameters
+from methods.body.models.perturbation import FitErrors, as_fitted
 
 NONE = FitErrors(joint_deg=0.0, root_deg=0.0, place_m=0.0, phenotype=0.0)
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from methods.body.fit.projection import Projector
-from methods.body.fit.silhouette import SilhouetteTarget, clothed, silhouette_cost
+from methods.body.fit.silhouette import SilhouetteTarget, silhouette_cost, uncovered_cost
 from methods.body.fit.surface import BodySurface, Topology
 
 
@@ -107,10 +107,10 @@ def test_a_missing_sign_would_be_noticed(ball, camera):
 def test_the_rim_of_a_clothed_subject_costs_nothing():
     coverage = np.zeros((40, 40))
     coverage[:, 10:30] = 1.0
-    missing = clothed(coverage, weight=0.5, standoff_px=3.0)
+    missing = uncovered_cost(coverage, weight=0.5, standoff_px=3.0)
     row = missing[20]
     np.testing.assert_allclose(row[10:13], 0.0)
     np.testing.assert_allclose(row[13:27], 0.5)
     # The picture cuts the subject above and below: no rim there.
     np.testing.assert_allclose(missing[0], row)
-    np.testing.assert_array_equal(clothed(coverage, 0.5, 0.0), 0.5 * coverage)
+    np.testing.assert_array_equal(uncovered_cost(coverage, 0.5, 0.0), 0.5 * coverage)

@@ -7,8 +7,8 @@ import pytest
 
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import content_hash
-from harness.geometry.sides import SidedRaycaster
-from harness.pipeline.run.plan import resolve_method
+from harness.geometry.raycast import Raycaster
+from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.econ import econ
 from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.view_maps import filled_normals
@@ -20,7 +20,7 @@ def view(sphere, photograph):
 
 
 def test_the_floor_is_the_body_continued_to_the_outline(view, sphere):
-    body = SidedRaycaster(sphere(0.25))
+    body = Raycaster(sphere(0.25))
     maps = view_maps(view, body, NormalChoice("body").estimator(view.camera, {}))
     there = np.abs(maps.body_front).sum(2) > 0
     assert 0 < there.sum() < view.mask.sum()
@@ -32,14 +32,14 @@ def test_the_floor_is_the_body_continued_to_the_outline(view, sphere):
 
 
 def test_the_ceiling_is_asked_for_both_sides_of_its_camera(view, sphere):
-    scan, asked = SidedRaycaster(sphere(0.3)), []
+    scan, asked = Raycaster(sphere(0.3)), []
 
     def oracle(camera, side="near"):
         asked.append((camera, side))
         return scan.normals(camera, side)
 
     estimator = NormalChoice("oracle").estimator(view.camera, {"oracle_normals": oracle})
-    maps = view_maps(view, SidedRaycaster(sphere(0.25)), estimator)
+    maps = view_maps(view, Raycaster(sphere(0.25)), estimator)
     assert asked == [(view.camera, "near"), (view.camera, "far")]
     met = view.mask & (np.abs(scan.normals(view.camera, "near")).sum(2) > 0)
     np.testing.assert_allclose(maps.front[met], scan.normals(view.camera, "near")[met], atol=1e-9)
@@ -71,7 +71,7 @@ def test_choices_that_make_no_sense(kind, model, message):
 
 
 def test_a_body_beside_the_subject_is_refused(view, sphere):
-    beside = SidedRaycaster(sphere(0.1, (0.0, 0.6, 0.0)))
+    beside = Raycaster(sphere(0.1, (0.0, 0.6, 0.0)))
     with pytest.raises(MethodError, match="not where view 0 shows the subject"):
         view_maps(view, beside, NormalChoice("body").estimator(view.camera, {}))
 
@@ -81,7 +81,7 @@ def test_an_estimator_without_numbers_is_refused(view, sphere):
         return body_front * np.nan, body_back
 
     with pytest.raises(MethodError, match="front normals of view 0 cannot be used"):
-        view_maps(view, SidedRaycaster(sphere(0.3)), broken)
+        view_maps(view, Raycaster(sphere(0.3)), broken)
 
 
 def test_holes_take_the_nearest_normal():
@@ -114,7 +114,7 @@ def test_the_open_network_is_the_shipped_one(places, save_network):
 def test_the_estimator_of_a_name_is_its_network(view, sphere, places, save_network):
     path = save_network(places / "net.onnx", {"front": "body_back", "back": "body_front"})
     installed.import_file(path, "swapped", installed.imported_place())
-    body = SidedRaycaster(sphere(0.3))
+    body = Raycaster(sphere(0.3))
     maps = view_maps(view, body, NormalChoice("onnx", "swapped").estimator(view.camera, {}))
     seen = view.mask & (np.abs(maps.body_front).sum(2) > 0)
     np.testing.assert_allclose(maps.front[seen], maps.body_back[seen], atol=1e-6)
@@ -135,9 +135,9 @@ def test_methods_can_do_without_a_network_that_is_not_there(places):
 
 def test_a_request_without_its_network_ends_before_any_work(places):
     with pytest.raises(MissingPart, match="no network 'open-normals'"):
-        resolve_method("econ", {"surface.normals": "open"})
+        ChosenMethod.of("econ", {"surface.normals": "open"})
     assert (
-        resolve_method("econ", {"surface.normals": "body", "body.normals": "off"}).info.name
+        ChosenMethod.of("econ", {"surface.normals": "body", "body.normals": "off"}).info.name
         == "econ"
     )
 

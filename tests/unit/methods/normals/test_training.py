@@ -156,7 +156,7 @@ def test_files_of_other_sizes_or_kinds_are_refused(tmp_path):
     with pytest.raises(DataError, match="different sizes"):
         Samples.load([tmp_path / "one.npz", tmp_path / "two.npz"])
     np.savez(tmp_path / "three.npz", rgb=np.zeros(3))
-    with pytest.raises(DataError, match="no file of training samples"):
+    with pytest.raises(DataError, match="holds no training samples"):
         Samples.load([tmp_path / "three.npz"])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from methods.normals.window import MARGIN_PX, Window, mask_window, whole_window
+from methods.normals.window import MARGIN_PX, mask_window, whole_window
 
 
 @st.composite
@@ -35,16 +35,8 @@ def test_the_subject_has_room_and_the_size_can_be_halved(mask):
 @given(masks())
 def test_there_and_back(mask):
     picture = np.random.default_rng(0).random((*mask.shape, 2)) * mask[..., None]
-    for window in (mask_window(mask), whole_window(mask.shape)):
+    size = (mask.shape[1], mask.shape[0])
+    for window in (mask_window(mask), whole_window(size)):
         part = window.cut(picture, 7.0)
         assert part.shape == (window.height, window.width, 2)
-        np.testing.assert_array_equal(window.put_back(part, mask.shape), picture)
-
-
-def test_a_window_beyond_every_border():
-    picture = np.arange(6.0).reshape(2, 3, 1)
-    window = Window(-1, -2, 4, 7)
-    part = window.cut(picture, -1.0)
-    np.testing.assert_array_equal(part[1:3, 2:5], picture)
-    assert (part == -1.0).sum() == 4 * 7 - 6
-    np.testing.assert_array_equal(window.put_back(part, (2, 3)), picture)
+        np.testing.assert_array_equal(window.put_back(part, size), picture)

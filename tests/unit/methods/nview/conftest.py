@@ -43,7 +43,9 @@ def _views_of(
             index,
             camera,
             coverage(index, caster.coverage(camera)),
-            NormalTargets(camera, normals(caster.normals(camera, "world")).astype(np.float32)),
+            NormalTargets(
+                camera, normals(caster.normals(camera, frame="world")).astype(np.float32)
+            ),
         )
         for index, camera in enumerate(cameras)
     ]

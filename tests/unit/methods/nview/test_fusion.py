@@ -9,13 +9,13 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
+from harness.geometry.topology import open_edges
 from methods.nview.fusion import fused_surface, moved_once
 from methods.nview.lattices import Lattice, winding
 from methods.nview.settings import FusionSettings
 from methods.nview.start import start_surface
 from methods.nview.surfaces import Surface
 from methods.nview.views import NormalTargets, checked_views, fusion_view
-from methods.surface.pinches import open_edges
 
 RADIUS = 0.2
 COARSE = FusionSettings(voxel_m=0.012, body="off")
@@ -338,7 +338,7 @@ def test_cameras_in_the_wrong_order_are_refused(shape, ring, views_of):
     views = []
     for index, camera in enumerate(taken):
         believed = taken[-index % len(taken)]
-        turned = caster.normals(camera, "world") @ camera.rotation.T @ believed.rotation
+        turned = caster.normals(camera, frame="world") @ camera.rotation.T @ believed.rotation
         targets = NormalTargets(believed, turned.astype(np.float32))
         views.append(fusion_view(index, believed, caster.coverage(camera), targets))
     with pytest.raises(MethodError, match="contradict each other|no common volume|mirrored"):

@@ -13,9 +13,8 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.topology import open_edges
 from methods.nview.method import mexecon_plus
-from methods.surface.pinches import open_edges
 
 SMALL = {"nview.voxel_m": "0.016", "nview.resolution": "160"}
 
@@ -33,7 +32,7 @@ def photograph(mesh, cameras, folder) -> Capture:
 def context(folder, mesh=None) -> Context:
     lent = {}
     if mesh is not None:
-        caster = SidedRaycaster(mesh)
+        caster = Raycaster(mesh)
         lent[Privilege.ORACLE_NORMALS] = lambda camera, side="near": caster.normals(camera, side)
     return Context(0, folder, lambda _: contextlib.nullcontext(), lent)
 

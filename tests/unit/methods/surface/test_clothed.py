@@ -10,21 +10,25 @@ import pytest
 
 from harness.core.artifacts import Body, Capture, image_name
 from harness.core.cameras.rigs import RingRig
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
+from harness.geometry import images
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
-from harness.geometry.sides import SidedRaycaster
-from methods import clothed
-from methods.body_fit import BodyFit, FittedBody
+from harness.geometry.topology import open_edges
+from methods.body.photos import detection
+from methods.body.photos.views import load_views
+from methods.body.result import BodyFitResult
+from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod
 from methods.econ import econ
 from methods.fit_settings import JMBO
+from methods.hull import hull8
 from methods.mexecon import mexecon2, mexecon8, mexecon_plus_two_sheets, oracle8
-from methods.surface.pinches import open_edges
+from reports.figures.panels import photo
 
 RADII, CENTRE, CLOTH_M = np.array([0.28, 0.8, 0.2]), np.array([0.04, 0.05, 0.03]), 0.015
 
@@ -63,23 +67,21 @@ class KnownBody(BodyFit):
     def __init__(self) -> None:
         super().__init__("known", "Known body", tuple(range(8)), JMBO)
 
-    def fitted(self, _: Capture, __: Context) -> FittedBody:
-        mesh = figure(-CLOTH_M)
+    def fit(self, _: Capture, __: Context) -> BodyFitResult:
+        mesh, vertices = figure(-CLOTH_M), figure().vertices
         body = Body("egg", mesh.vertices, np.zeros((1, 3)), mesh.faces, {})
-        return FittedBody(body, tuple(range(8)), (True, False), {})
+        regions = {
+            "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
+            "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
+            "face": np.zeros(len(vertices), bool),
+            "eyeballs": np.zeros(len(vertices), bool),
+        }
+        return BodyFitResult(body, tuple(range(8)), (True, False), regions)
 
 
 @pytest.fixture
-def small(monkeypatch):
+def small():
     """``small(method, normals)``: the method with the known body, in the small."""
-    vertices = figure().vertices
-    regions = {
-        "left_hand": vertices[:, 0] > CENTRE[0] + 0.27,
-        "right_hand": vertices[:, 0] < CENTRE[0] - 0.27,
-        "face": np.zeros(len(vertices), bool),
-        "eyeballs": np.zeros(len(vertices), bool),
-    }
-    monkeypatch.setattr(clothed, "_regions", lambda _: regions)
 
     def build(method: ClothedMethod, normals: str) -> ClothedMethod:
         own = {"normals": normals, "resolution": "160", "poisson_depth": "7"}
@@ -91,7 +93,7 @@ def small(monkeypatch):
 
 
 def context(folder: Path, *, keep: bool = True) -> Context:
-    truth = SidedRaycaster(figure())
+    truth = Raycaster(figure())
     return Context(
         seed=0,
         workdir=folder,
@@ -121,7 +123,7 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
     # The maps that others measure are the estimator's, in the view's own camera.
     assert [maps.view for maps in result.normals] == list(method._plan.views)
     for maps in result.normals:
-        true = SidedRaycaster(figure()).normals(maps.camera, "far")
+        true = Raycaster(figure()).normals(maps.camera, "far")
         seen = maps.mask & true.any(axis=2)
         np.testing.assert_allclose(maps.back[seen], true[seen], atol=1e-9)
         assert (np.linalg.norm(maps.body_back[maps.mask], axis=1) > 0.999).all()
@@ -135,6 +137,30 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
     assert {"front sheet", "back sheet"} <= set(result.details["part_faces"])  # type: ignore[arg-type]
     for name in ("front_sheet", "back_sheet", "body"):
         assert len(load_mesh(tmp_path / f"{name}.ply").faces) > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [mexecon8, mexecon_plus_two_sheets], ids=lambda m: m.info.name)
+def test_each_photo_is_decoded_once_by_all_that_look_at_it(
+    method, small, capture, tmp_path, monkeypatch
+):
+    """Detector, fit, normals, clothes, the hull beside them and figures; only the fit is known."""
+    decoded, decode = [], images._decoded
+    monkeypatch.setattr(images, "_decoded", lambda path: decoded.append(path) or decode(path))
+    monkeypatch.setattr(images, "_photos", images._Kept())
+    detection._detect.cache_clear()
+    count = detection.COUNT
+    pixels = np.arange(2.0 * count).reshape(-1, 2)
+    person = detection.Reading(pixels, np.ones((count, 3)), np.ones(count), np.ones(2))
+    monkeypatch.setattr(detection, "_detector", lambda: None)
+    monkeypatch.setattr(detection, "_readings", lambda *_: iter([person]))
+    assert load_views(capture, range(8), 100).indices == tuple(range(8))
+    small(method, "oracle").reconstruct(capture, context(tmp_path, keep=False))
+    hull8.configured({"hull.voxel_m": "0.02"}).reconstruct(capture, context(tmp_path))
+    detection.detect(capture, range(8))
+    assert all(photo(capture, view).shape == (480, 270, 3) for view in range(8))
+    detection._detect.cache_clear()
+    assert decoded == [capture.image_path(view) for view in range(8)]
 
 
 @pytest.mark.slow
@@ -193,9 +219,19 @@ def test_settings_reach_the_fit_or_the_surface():
         ({"surface.resolution": "1"}, "64 to 4096"),
         ({"surface.prior_weight": "-1"}, "positive k, prior_weight"),
         ({"body.depth": "guess"}, "height-prior or subject-centre"),
+        ({"surface.device": "tpu"}, "cpu, cuda or cuda:1"),
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
+
+
+def test_a_gpu_that_is_not_there_is_said_before_anything_runs():
+    import torch
+
+    index = torch.cuda.device_count()
+    with pytest.raises(MissingPart, match=f"'cuda:{index}'.*--set surface.device=cpu"):
+        _ = econ.configured({"surface.device": f"cuda:{index}"}).info
+    assert econ.info.parameters["surface"]["device"] == "cpu"
 
 
 @pytest.mark.slow

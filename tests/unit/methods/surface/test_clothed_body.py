@@ -1,4 +1,4 @@
-"""The body moved out to silhouettes: ways out of known hulls, and what is not believed."""
+"""The body moved out to silhouettes: ways out of known hulls, and which are obstructed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 
 from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
+from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
-from methods.surface.clothed_body import Outline, believed, clothed_body, ways_out_m
+from methods.surface.clothed_body import clothed_body, is_unobstructed, ways_out_m
 
 BODY_M, CLOTHES_M = 0.20, 0.25
 #: A step of the walk, half of it, and a pixel of the small pictures.
@@ -26,7 +27,8 @@ def sphere(ball: Mesh) -> Callable[..., Mesh]:
 def outlines(mesh: Mesh, views: int = 8) -> list[Outline]:
     caster = Raycaster(mesh)
     return [
-        Outline(camera, caster.mask(camera)) for camera in RingRig(views=views).cameras(270, 480)
+        Outline(camera, caster.mask(camera).astype(float))
+        for camera in RingRig(views=views).cameras(270, 480)
     ]
 
 
@@ -70,7 +72,7 @@ def test_the_clothed_body_is_nearer_to_the_clothes_on_all_sides(sphere):
     assert moved.faces is body.faces
 
 
-def test_a_way_that_another_limb_is_in_is_not_believed(sphere):
+def test_a_way_that_another_limb_is_in_is_obstructed(sphere):
     """Two balls 4 cm apart: straight across, only a way of less than a centimetre is clear."""
     left, right = sphere(0.1, (-0.12, 0.0, 0.0)), sphere(0.1, (0.12, 0.0, 0.0))
     count = len(left.vertices)
@@ -82,5 +84,5 @@ def test_a_way_that_another_limb_is_in_is_not_believed(sphere):
     normals = (body.vertices - centres) / 0.1
     inner, outer = left.vertices[:, 0].argmax(), left.vertices[:, 0].argmin()
     for way_m, across, away in ((0.008, True, True), (0.012, False, True), (np.nan, False, False)):
-        found = believed(body, normals, np.full(2 * count, way_m))
+        found = is_unobstructed(body, normals, np.full(2 * count, way_m))
         assert (found[inner], found[outer]) == (across, away)

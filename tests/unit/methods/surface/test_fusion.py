@@ -7,8 +7,8 @@ import pytest
 
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
-from methods.surface.fusion import FusionParameters, concatenated, fused
-from methods.surface.pinches import open_edges
+from harness.geometry.topology import concatenated, open_edges
+from methods.surface.fusion import FusionParameters, fused
 
 RADIUS, CENTRE = 0.4, np.array([0.2, -0.1, 5.0])
 

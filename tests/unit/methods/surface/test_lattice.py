@@ -107,6 +107,18 @@ def test_torch_stays_finite_when_nothing_is_left_to_do() -> None:
     np.testing.assert_allclose(solution, exact, atol=1e-5)
 
 
+def test_a_gpu_agrees_with_the_processor() -> None:
+    import torch
+
+    if not torch.cuda.is_available():
+        pytest.skip("this machine has no GPU")
+    system = random_system(3, linked=True)
+    start = np.random.default_rng(5).normal(size=system.diagonal.shape)
+    ours, _ = solve(system, start, 1e-5)
+    theirs, _ = solve(system, start, 1e-5, device="cuda")
+    np.testing.assert_allclose(theirs, ours, atol=1e-4)
+
+
 def test_a_missing_gpu_is_said() -> None:
     import torch
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from methods.surface.fusion import largest_component, one_piece
-from methods.surface.pinches import open_edges, without_pinches
+from harness.geometry.topology import largest_piece, open_edges
+from methods.surface.fusion import one_piece
+from methods.surface.pinches import without_pinches
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 FACES = np.array(
@@ -71,7 +72,7 @@ def test_faces_back_to_back_go(cube):
 
 def test_the_largest_piece_is_kept_whole(cube):
     small = Mesh(np.concatenate([CORNERS, CORNERS[:4] + 5]), np.concatenate([FACES, FACES[:2] + 8]))
-    kept = largest_component(small)
+    kept = largest_piece(small)
     assert len(kept.faces) == 12
     np.testing.assert_allclose(kept.extent, cube.extent)
 
@@ -81,7 +82,7 @@ def test_a_crumb_that_hung_on_by_a_fin_goes_with_it(cube):
     together = Mesh(
         np.concatenate([CORNERS, 0.1 * CORNERS + 2]), np.concatenate([FACES, crumb, fin])
     )
-    assert len(largest_component(together).faces) == len(together.faces)
+    assert len(largest_piece(together).faces) == len(together.faces)
     piece = one_piece(together)
     assert open_edges(piece) == 0
     assert piece.signed_volume == pytest.approx(cube.signed_volume)

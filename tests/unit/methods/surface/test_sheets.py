@@ -8,7 +8,7 @@ import pytest
 from harness.core.cameras.camera import Camera, look_at
 from harness.core.errors import DataError
 from methods.surface import SheetParameters, front_back_sheets
-from methods.surface.sheets import without_small_components
+from methods.surface.sheets import in_large_piece
 
 
 def square_camera(K: np.ndarray, size: int) -> Camera:
@@ -98,8 +98,8 @@ def test_a_component_of_exactly_the_share_goes() -> None:
     big = np.array([[0, i, i + 1] for i in range(1, 8)])  # 9 vertices
     one = np.array([[20, 21, 22]])  # 3 of 12
     faces = np.concatenate([big, one])
-    assert len(without_small_components(faces, 0.25)) == len(big)
-    assert len(without_small_components(faces, 0.24)) == len(faces)
+    assert in_large_piece(faces, 0.25).sum() == len(big)
+    assert in_large_piece(faces, 0.24).sum() == len(faces)
 
 
 def test_a_map_of_another_size_is_said(flat) -> None:

@@ -12,6 +12,7 @@ from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
 from harness.geometry.images import save_png
+from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Silent
 from harness.pipeline.report.tables import FORMATS, TABLES, ReportRequest, build_table
 from harness.pipeline.run.elsewhere import FolderRequest, score_folder
@@ -49,7 +50,7 @@ def records(tmp_path_factory):
             scale=scale, facing="+z", subjects=("0001",),
         )  # fmt: skip
         store = RunStore(place / name)
-        target = ("plates", dataset, place / "scans", ("0001",))
+        target = ScanSet("plates", dataset, place / "scans", ("0001",))
         request = FolderRequest(place / "meshes", name, name, target, PROTOCOL, store)
         return score_folder(request, Silent())[0].record
 

@@ -10,15 +10,16 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
+from harness.core.records import Environment
 from harness.data.avatars import AVATARS_VERSION, recipe_for
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs import captures, sealed
+from harness.pipeline.inputs import captures, environment, sealed
 from harness.pipeline.inputs.captures import make_avatars, render_all, show_avatar
 from harness.pipeline.inputs.sealed import Look, admit, log_path
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.run import environment
+from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
@@ -86,7 +87,7 @@ def test_open_data_need_no_reason_and_are_not_logged(manifest, place):
 
 
 def test_a_look_is_announced_and_logged_in_one_line(manifest, place, monkeypatch):
-    made = {"commit": "0123456789abcdef", "dirty": True, "harness": "1.0"}
+    made = Environment(harness="1.0", commit="0123456789abcdef", dirty=True)
     monkeypatch.setattr(sealed, "environment", lambda: made)
     heard = Heard()
     asked = look("last\ntest | of all", methods=("jmbo8", "hull8"), recipe="paper8")
@@ -126,9 +127,9 @@ def test_a_checkout_logs_in_its_documents_and_stays_clean_for_it(tmp_path, monke
     monkeypatch.setattr(sealed, "checkout", lambda: folder)
     assert log_path(Workspace(tmp_path)) == folder / "docs" / "sealed.md"
     (folder / "docs" / "sealed.md").write_text("log\none more line\n")
-    assert environment._commit()["dirty"] is False
+    assert environment._commit().dirty is False
     (folder / "other.py").write_text("x = 1\n")
-    assert environment._commit()["dirty"] is True
+    assert environment._commit().dirty is True
 
 
 def test_the_documents_end_with_the_table_that_lines_are_added_to():
@@ -142,7 +143,7 @@ def test_the_documents_end_with_the_table_that_lines_are_added_to():
 def request_of(manifest, place, reason):
     return EvalRequest(
         source=source_of(manifest, place),
-        methods=("hull8",),
+        methods=chosen_methods(("hull8",), {}),
         protocol=manifest.protocol("mexecon"),
         store=RunStore(place.run("main")),
         reason=reason,

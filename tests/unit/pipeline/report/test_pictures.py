@@ -14,7 +14,10 @@ from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
-from harness.core.records import Record
+from harness.core.privileges import Privilege
+from harness.core.protocols import MethodInfo
+from harness.core.records import CaptureStamp, ProtocolStamp, Record
+from harness.core.results import RegionErrors
 from harness.pipeline.report import figures as pictures
 from harness.pipeline.run.store import RunStore
 
@@ -31,22 +34,30 @@ def mesh_sha256():
 
 
 def errors(completeness):
-    shares = {"area_share": 0.5, "missing_share": 0.0, "bulge_share": 0.0}
-    return {"completeness_mm": completeness, "accuracy_mm": 1.0, **shares}
+    return RegionErrors(
+        area_share=0.5,
+        accuracy_mm=1.0,
+        completeness_mm=completeness,
+        normal_error_deg=5.0,
+        missing_share=0.0,
+        bulge_share=0.0,
+        n_predicted=10,
+        n_truth=10,
+    )
 
 
 def record(method, subject, worst=None, privileges=(), status="ok"):
     return Record(
         key="",
-        method={"name": method, "title": method.upper(), "privileges": list(privileges)},
+        method=MethodInfo(method, method.upper(), privileges=tuple(privileges)),
         dataset="toy",
         subject=subject,
         recipe="tiny",
-        protocol={},
-        capture={},
+        protocol=ProtocolStamp("exact", 1, ""),
+        capture=CaptureStamp(),
         seed=0,
         status=status,
-        details={"regions": {"left": errors(worst), "right": errors(2.0)}} if worst else {},
+        regions={"left": errors(worst), "right": errors(2.0)} if worst else {},
         files={"mesh.ply": mesh_sha256()} if status == "ok" else {},
     )
 
@@ -59,7 +70,7 @@ def run(tmp_path, monkeypatch):
     scan = Scan("toy", "", tmp_path / "x.obj", "metres", "+z", np.eye(4), {}, labels_path=labels)
     drawn = {}
     monkeypatch.setattr(
-        "reports.figures.failures.failure_grid",
+        "harness.pipeline.report.figures.failure_grid",
         lambda rows, _, scale: drawn.update(rows=rows, label=scale.label),
     )
     store = RunStore(tmp_path / "run")
@@ -67,9 +78,11 @@ def run(tmp_path, monkeypatch):
     def draw(records, subjects=SUBJECTS, scan=scan, scale_rule="metres", spoilt=None):
         for one in records:
             if one.status == "ok":
-                save_mesh(store.cell(one.method_name, one.subject) / "mesh.ply", MESH)
+                save_mesh(store.cell(one.method_name, one.subject).directory / "mesh.ply", MESH)
         if spoilt:
-            save_mesh(store.cell(*spoilt) / "mesh.ply", replace(MESH, vertices=2 * CORNERS))
+            save_mesh(
+                store.cell(*spoilt).directory / "mesh.ply", replace(MESH, vertices=2 * CORNERS)
+            )
         source = SimpleNamespace(
             subjects=subjects, load=lambda _: (scan, MESH), capture=str, scale_rule=scale_rule
         )
@@ -107,7 +120,7 @@ def test_a_method_that_failed_on_a_subject_keeps_its_place(run):
             record("m", "b", 9.0),
             record("n", "a", status="failed"),
             record("n", "b", 5.0),
-            record("gt", "a", 99.0, privileges=["ground_truth_mesh"]),
+            record("gt", "a", 99.0, privileges=[Privilege.GROUND_TRUTH_MESH]),
             record("unlabelled", "a"),
         ]
     )
@@ -117,7 +130,7 @@ def test_a_method_that_failed_on_a_subject_keeps_its_place(run):
 
 
 def test_records_without_regions_are_refused_with_the_next_step(run):
-    with pytest.raises(HarnessError, match="tells errors by region.*scans have labels"):
+    with pytest.raises(HarnessError, match="has errors by region.*scans have labels"):
         run([record("m", "a")])
 
 

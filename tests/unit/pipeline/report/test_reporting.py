@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
+from harness.core.results import AngularErrors, AngularPair, NormalMapErrors, RegionErrors
 from harness.pipeline.report.tables import (
     FORMATS,
     TABLES,
@@ -18,15 +19,19 @@ from harness.pipeline.report.tables import (
 from harness.pipeline.run.store import RunStore
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
-SHARES = {"area_share": 0.2, "missing_share": 0.0, "bulge_share": 0.0}
-MEANS = {"accuracy_mm": 3.0, "completeness_mm": 4.0, "normal_error_deg": 9.0}
-HEAD = {**SHARES, **MEANS, "n_predicted": 10, "n_truth": 10}
-PIXELS = {"mean_deg": 9.0, "median_deg": 7.0, "n": 10}
-PIXELS |= dict.fromkeys(("share_below_11_25", "share_below_22_5", "share_below_30"), 0.9)
-FRONT = {"view": 0, "yaw_deg": 0.0, "side": "near", "clothed": None}
-MAPS = [{**FRONT, "all": {"estimate": PIXELS, "body": PIXELS}}]
-DETAILS = {"regions": {"head": HEAD}, "normal_maps": MAPS}
-LABELLED = [replace(r, details={**r.details, **DETAILS}) for r in RECORDS]
+HEAD = RegionErrors(
+    area_share=0.2,
+    accuracy_mm=3.0,
+    completeness_mm=4.0,
+    normal_error_deg=9.0,
+    missing_share=0.0,
+    bulge_share=0.0,
+    n_predicted=10,
+    n_truth=10,
+)
+PIXELS = AngularErrors(9.0, 7.0, 0.9, 0.9, 0.9, n=10)
+MAPS = (NormalMapErrors(0, 0.0, "near", None, AngularPair(PIXELS, PIXELS)),)
+LABELLED = [replace(r, regions={"head": HEAD}, normal_maps=MAPS) for r in RECORDS]
 OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
 
 

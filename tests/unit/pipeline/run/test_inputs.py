@@ -22,7 +22,9 @@ from harness.pipeline.run.record_inputs import evaluated, method_code, scored_el
 from methods.catalog import METHODS
 
 HULL = "methods.hull"
-INFO = MethodInfo("hull8", "Hull", parts=(Part("p", "n", "l", "1"),), parameters={"voxel_m": 0.1})
+INFO = MethodInfo(
+    "hull8", "Hull", parts=(Part("p", "n", "l", "1"),), parameters={"hull": {"voxel_m": 0.1}}
+)
 PROTOCOL = MetricProtocol("mexecon", 1, 2000, "independent", "sample-to-sample")
 CAPTURE = Capture("toy", "t1", "tiny", "photos", Path("nowhere"), ())
 SCAN = Scan(
@@ -51,12 +53,12 @@ def test_scoring_of_bodies_and_normals_counts_where_it_is_used(name: str) -> Non
     assert ("harness.pipeline.scoring.bodies" in found) == (module not in (HULL, "methods.gt"))
     clothed = module in ("methods.econ", "methods.mexecon")
     assert ("harness.pipeline.scoring.normals" in found) == clothed
-    assert "harness.pipeline.run.oracle_normals" not in found
+    assert "harness.pipeline.inputs.oracle_normals" not in found
 
 
 def test_lending_the_scans_normals_counts_under_its_privilege() -> None:
     found = method_code("methods.econ", (Privilege.ORACLE_NORMALS,)).modules
-    assert "harness.pipeline.run.oracle_normals" in found
+    assert "harness.pipeline.inputs.oracle_normals" in found
 
 
 def test_the_visual_hull_depends_on_no_network() -> None:
@@ -101,7 +103,10 @@ def test_the_scan_says_what_reads_it(tmp_path: Path) -> None:
 
 
 CHANGES = [
-    ("method parameters voxel_m 0.1 -> 0.2", {"info": replace(INFO, parameters={"voxel_m": 0.2})}),
+    (
+        "method parameters hull voxel_m 0.1 -> 0.2",
+        {"info": replace(INFO, parameters={"hull": {"voxel_m": 0.2}})},
+    ),
     ("method privileges", {"info": replace(INFO, privileges=(Privilege.KNOWN_CAMERAS,))}),
     ("method parts", {"info": replace(INFO, parts=(Part("p", "n", "l", "2"),))}),
     ("photos photos -> others", {"capture": replace(CAPTURE, key="others")}),

@@ -11,9 +11,11 @@ from PIL import Image
 from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import DataError
 from harness.core.formats.mesh_files import save_mesh
+from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
+from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Silent
 from harness.pipeline.run.cell import Truth, scores_of
 from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pair
@@ -67,8 +69,8 @@ def test_a_methods_own_result_is_a_number_with_a_warning(name):
     told = scores_of(result, NO_PHOTOS, Truth.read(scan, person()), PROTOCOL)
     assert all(np.isfinite(metric.value) for metric in told.metrics.values())
     assert told.metrics["chamfer"].value > 50
-    (warning,) = [text for text in told.details["warnings"] if MISTAKES[name][2] in text]
-    json.dumps(told.details, allow_nan=False)
+    (warning,) = [text for text in told.warnings if MISTAKES[name][2] in text]
+    json.dumps(to_json(told), allow_nan=False)
     assert "person" in warning
 
 
@@ -102,7 +104,7 @@ def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
         folder=folder,
         name="mine",
         title="Mine",
-        dataset=("toy", dataset, tmp_path / "scans", tuple(subjects)),
+        truth=ScanSet("toy", dataset, tmp_path / "scans", tuple(subjects)),
         protocol=PROTOCOL,
         store=RunStore(tmp_path / "runs"),
     )

@@ -13,8 +13,8 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
+from harness.pipeline.inputs.oracle_normals import OracleNormals
 from harness.pipeline.run.cell import lent_to
-from harness.pipeline.run.oracle_normals import OracleNormals
 
 
 def plate() -> Mesh:

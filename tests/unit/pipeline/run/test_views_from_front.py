@@ -16,6 +16,8 @@ from harness.geometry.images import save_png
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run import cell_worker
+from harness.pipeline.run.cell_job import CellJob
+from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import evaluated
 
 MANIFEST = """\
@@ -68,21 +70,17 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     source = Source.select(manifest, Workspace(world), "toy", (), recipe)
     filed = source.ensure_capture("t1", lambda *_: None)
     witness = Witness()
-    monkeypatch.setattr(cell_worker, "resolve_method", lambda *_: witness)
-    monkeypatch.setattr(cell_worker, "method_module", lambda _: "methods.gt")
+    chosen = ChosenMethod("witness", {}, "methods.gt", witness)
+    monkeypatch.setattr(ChosenMethod, "of", lambda *_: chosen)
     protocol = manifest.protocol("exact")
     inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
     cell = world / "cell"
     cell.mkdir()
-    job = {
-        "subject": "t1", "source": source.to_job(), "method": "witness", "settings": {},
-        "protocol": "exact", "seed": 0, "key": inputs.key, "inputs": inputs.to_dict(),
-        "folder": str(cell), "keep": False,
-    }  # fmt: skip
-    told = cell_worker.handle(job, lambda *_: None)
+    job = CellJob(source.only("t1"), chosen, protocol, 0, inputs, cell, keep=False)
+    told = cell_worker.handle(job.to_dict(), lambda *_: None)
     assert told["status"] == "ok", told["reason"]
 
-    assert told["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
+    assert told["scores"]["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
     front, back = (witness.shown.cameras[view] for view in witness.info.views)
     np.testing.assert_allclose(front.position, [0, 0, 3], atol=1e-12)
     np.testing.assert_allclose(back.position, [0, 0, -3], atol=1e-12)

@@ -1,4 +1,4 @@
-"""Normal maps of a sphere against the sphere: what a record tells of them, and their file."""
+"""Normal maps of a sphere against the sphere: their errors, and their file."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from harness.core.artifacts import NormalMaps, Scan
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
+from harness.core.truth import BODY_REGIONS
 from harness.data.avatars.skin.bake import _REGIONS
-from harness.geometry.sides import SidedRaycaster
-from harness.pipeline.run.normal_files import load_normals, save_normals
-from harness.pipeline.scoring.normals import normal_details
-from metrics.regions import BODY_REGIONS
+from harness.geometry.raycast import Raycaster
+from harness.pipeline.run.result_files import load_normals, save_normals
+from harness.pipeline.scoring.normals import normal_map_errors
 
 CAMERAS = RingRig().cameras(90, 160)
 
@@ -42,7 +42,7 @@ def turned(normals, angle_deg):
 def maps(view, body_turn_deg=0.0) -> NormalMaps:
     """True maps of the sphere; the body's are turned."""
     camera = CAMERAS[view].cropped(20, 50, 60, 60)
-    caster = SidedRaycaster(SPHERE)
+    caster = Raycaster(SPHERE)
     near, far = (caster.normals(camera, side) for side in ("near", "far"))
     body = [turned(side, body_turn_deg) for side in (near, far)]
     return NormalMaps(view, camera, near.any(axis=2), near, far, *body)
@@ -62,26 +62,26 @@ def labelled(scan, tmp_path):
     return replace(scan, labels_path=path)
 
 
-def told(maps, scan):
-    return normal_details(maps, scan, SPHERE)["normal_maps"]
+def errors_of(maps, scan):
+    return normal_map_errors(maps, scan, SPHERE)
 
 
 def test_true_maps_have_no_error_and_a_turned_body_has_its_own(labelled):
-    entries = told([maps(0, 30.0), maps(2, 30.0)], labelled)
-    assert [(e["view"], e["yaw_deg"], e["side"]) for e in entries] == [
+    entries = errors_of([maps(0, 30.0), maps(2, 30.0)], labelled)
+    assert [(e.view, e.yaw_deg, e.side) for e in entries] == [
         (0, 0.0, "near"),
         (0, 0.0, "far"),
         (2, 90.0, "near"),
         (2, 90.0, "far"),
     ]
     for entry in entries:
-        for pixels in ("clothed", "all"):
-            estimate, body = entry[pixels]["estimate"], entry[pixels]["body"]
-            assert estimate["mean_deg"] < 1e-6
-            assert estimate["share_below_11_25"] == 1.0
+        for pair in (entry.clothed, entry.whole):
+            estimate, body = pair.estimate, pair.body
+            assert estimate.mean_deg < 1e-6
+            assert estimate.share_below_11_25 == 1.0
             # By more than a corner's width off the axis, by at most the whole turn.
-            assert 12 < body["mean_deg"] < 30
-            assert estimate["n"] == body["n"]
+            assert 12 < body.mean_deg < 30
+            assert estimate.n == body.n
 
 
 def test_clothed_pixels_are_those_of_faces_that_are_worn(labelled):
@@ -89,20 +89,18 @@ def test_clothed_pixels_are_those_of_faces_that_are_worn(labelled):
     wrong = maps(0)
     lower = turned(wrong.front, 180.0)
     lower[:30] = wrong.front[:30]
-    entry = told([replace(wrong, front=lower)], labelled)[0]
-    assert entry["clothed"]["estimate"]["n"] == pytest.approx(
-        entry["all"]["estimate"]["n"] / 2, rel=0.05
-    )
-    assert entry["clothed"]["estimate"]["mean_deg"] == pytest.approx(
-        2 * entry["all"]["estimate"]["mean_deg"], rel=0.05
+    entry = errors_of([replace(wrong, front=lower)], labelled)[0]
+    assert entry.clothed.estimate.n == pytest.approx(entry.whole.estimate.n / 2, rel=0.05)
+    assert entry.clothed.estimate.mean_deg == pytest.approx(
+        2 * entry.whole.estimate.mean_deg, rel=0.05
     )
 
 
 def test_without_labels_all_pixels_count_and_without_maps_there_is_nothing(scan):
-    entry = told([maps(0, 30.0)], scan)[0]
-    assert entry["clothed"] is None
-    assert entry["all"]["body"]["mean_deg"] > 10
-    assert normal_details([], scan, SPHERE) == {}
+    entry = errors_of([maps(0, 30.0)], scan)[0]
+    assert entry.clothed is None
+    assert entry.whole.body.mean_deg > 10
+    assert normal_map_errors([], scan, SPHERE) == ()
 
 
 def test_pixels_beside_the_scan_are_not_compared(scan):
@@ -111,9 +109,9 @@ def test_pixels_beside_the_scan_are_not_compared(scan):
     wide = np.ones_like(seen.mask)
     filled = np.where(seen.mask[..., None], seen.front, [1.0, 0.0, 0.0])
     wider = replace(seen, mask=wide, front=filled, body_front=filled)
-    entry = told([wider], scan)[0]
-    assert entry["all"]["estimate"]["n"] == int(seen.mask.sum())
-    assert entry["all"]["estimate"]["mean_deg"] < 1e-6
+    entry = errors_of([wider], scan)[0]
+    assert entry.whole.estimate.n == int(seen.mask.sum())
+    assert entry.whole.estimate.mean_deg < 1e-6
 
 
 def test_maps_of_another_size_than_their_camera_are_refused():

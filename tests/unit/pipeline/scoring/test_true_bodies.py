@@ -7,8 +7,8 @@ import pytest
 
 from harness.core.artifacts import Body, Scan
 from harness.core.errors import DataError
-from harness.pipeline.inputs.true_parameters import true_parameters
-from harness.pipeline.scoring.bodies import TrueBody, _against_truth
+from harness.core.truth import true_body, true_parameters
+from harness.pipeline.scoring.bodies import _against_truth
 from harness.pipeline.training.landmark_offsets import true_posed
 
 VERTICES = np.arange(12.0).reshape(4, 3)
@@ -44,26 +44,27 @@ def fitted():
         vertices=VERTICES + np.array([0.003, 0, 0]),
         faces=np.array([[0, 1, 2]]),
         joints=JOINTS + np.array([0.002, 0, 0]),
-        parameters={"joint_names": np.array(["hip", "knee"]), "main_joints": np.array([0, 1])},
+        joint_names=("hip", "knee"),
+        main_joints=np.array([0, 1]),
     )
 
 
 def test_a_body_of_the_model_has_no_distance_from_it(tmp_path):
     scan = scan_with(tmp_path)
-    assert TrueBody.of(scan).off_model_mm == 0
+    assert true_body(scan).off_model_mm == 0
     assert true_parameters(scan).off_model_m == 0
-    assert set(_against_truth(fitted(), TrueBody.of(scan))) == {"joint_error", "vertex_error"}
+    assert set(_against_truth(fitted(), true_body(scan)).by_id()) == {"joint_error", "vertex_error"}
 
 
 def test_a_body_off_the_model_says_how_far(tmp_path):
     scan = scan_with(tmp_path, off_model_rms_m=np.array(0.0061))
-    assert TrueBody.of(scan).off_model_mm == pytest.approx(6.1)
+    assert true_body(scan).off_model_mm == pytest.approx(6.1)
     assert true_parameters(scan).off_model_m == pytest.approx(0.0061)
-    found = _against_truth(fitted(), TrueBody.of(scan))
-    assert found["off_model"].value == pytest.approx(6.1)
-    assert found["off_model"].unit == "mm"
-    assert found["joint_error"].value == pytest.approx(2.0)
-    assert found["vertex_error"].value == pytest.approx(3.0)
+    found = _against_truth(fitted(), true_body(scan))
+    assert found.off_model.value == pytest.approx(6.1)
+    assert found.off_model.unit == "mm"
+    assert found.joint_error.value == pytest.approx(2.0)
+    assert found.vertex_error.value == pytest.approx(3.0)
 
 
 def test_landmarks_are_not_learned_from_bodies_off_the_model(tmp_path):

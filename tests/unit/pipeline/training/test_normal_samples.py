@@ -12,11 +12,18 @@ from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.data.manifest import load_manifest
 from harness.geometry.raycast import Raycaster
-from harness.geometry.screen import screen_rectangle
+from harness.geometry.window import Window
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.training.light import Lamp, Light, developed, drawn_camera, drawn_light
+from harness.pipeline.training.light import (
+    Lamp,
+    Light,
+    PhotoSize,
+    drawn_camera,
+    drawn_light,
+    photographed,
+)
 from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
 from harness.pipeline.training.samples import SampleSettings, make_samples, samples_key
 
@@ -159,9 +166,9 @@ def test_cameras_look_at_the_subject_as_methods_crop_it():
     draw = np.random.default_rng(0)
     behind = 0
     for _ in range(60):
-        camera = drawn_camera(box, (512, 320, 480), draw)
+        camera = drawn_camera(box, PhotoSize(512, 320, 480), draw)
         assert camera.size == (320, 480)
-        seen = screen_rectangle(box, camera.cropped(-300, -300, 920, 1080), margin=0)
+        seen = Window.around_points(box, camera.cropped(-300, -300, 920, 1080), margin=0)
         assert 0.80 * 512 < seen.height < 0.97 * 512
         centre = (seen.left - 300 + seen.width / 2, seen.top - 300 + seen.height / 2)
         np.testing.assert_allclose(centre, (160, 240), atol=16)
@@ -173,9 +180,9 @@ def test_cameras_look_at_the_subject_as_methods_crop_it():
 def test_light_adds_up_and_noise_is_of_its_size():
     even = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.0)
     draw = np.random.default_rng(0)
-    np.testing.assert_allclose(developed(np.full((4, 3), 0.214), even, draw), 0.5, atol=1e-3)
+    np.testing.assert_allclose(photographed(np.full((4, 3), 0.214), even, draw), 0.5, atol=1e-3)
     noisy = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.02)
-    assert developed(np.full((9999, 3), 0.2), noisy, draw).std() == pytest.approx(0.02, rel=0.05)
+    assert photographed(np.full((9999, 3), 0.2), noisy, draw).std() == pytest.approx(0.02, rel=0.05)
 
 
 def test_lamps_stand_on_the_camera_s_side():
@@ -195,8 +202,9 @@ def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path
     scan, mesh = source.load("p1")
     studio = normal_samples._Studio(scan, mesh, 0)
     light = Light(np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
-    camera = drawn_camera(mesh.vertices, (128, 96, 128), np.random.default_rng(1))
-    picture, mask = studio._photo(camera, light, np.random.default_rng(1))
+    camera = drawn_camera(mesh.vertices, PhotoSize(128, 96, 128), np.random.default_rng(1))
+    photo = studio._photo(camera, light, np.random.default_rng(1))
+    picture, mask = photo.rgb, photo.mask
     inner = mask & Raycaster(mesh).mask(camera)
     assert picture[inner].max() <= 128 / 255 + 1e-6
     assert np.median(picture[inner]) > 0.8 * 128 / 255

@@ -10,6 +10,7 @@ from harness.core.artifacts import Capture
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
+from harness.core.results import RegionErrors
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from reports.figures.failures import (
@@ -63,17 +64,20 @@ def row(capture, *regions):
 
 
 def numbers(accuracy, completeness, missing=0.0, bulge=0.0, area=0.1):
-    return {
-        "accuracy_mm": accuracy,
-        "completeness_mm": completeness,
-        "missing_share": missing,
-        "bulge_share": bulge,
-        "area_share": area,
-    }
+    return RegionErrors(
+        area_share=area,
+        accuracy_mm=accuracy,
+        completeness_mm=completeness,
+        normal_error_deg=5.0,
+        missing_share=missing,
+        bulge_share=bulge,
+        n_predicted=10,
+        n_truth=10,
+    )
 
 
 def record(subject="a", **regions):
-    return SimpleNamespace(subject=subject, details={"regions": regions} if regions else {})
+    return SimpleNamespace(subject=subject, regions=regions)
 
 
 def test_the_worst_region_has_the_largest_error_of_either_direction():
@@ -84,7 +88,7 @@ def test_the_worst_region_has_the_largest_error_of_either_direction():
 
 
 def test_a_region_without_predicted_points_is_judged_by_what_is_missing():
-    lost = {**numbers(None, 300.0, missing=1.0), "bulge_share": None}
+    lost = replace(numbers(None, 300.0, missing=1.0), bulge_share=None)
     assert worst_region(record(hands=lost)) == Failure(
         "hands", 300.0, "hands: 300 mm,\n100 % missing"
     )

@@ -11,8 +11,9 @@ from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
+from harness.geometry.window import Window
 from reports.figures.comparison import MethodMesh, SubjectPanels, overlay_figure, qualitative_grid
-from reports.figures.panels import Window, photo, windows
+from reports.figures.panels import PanelWindow, panel_windows, photo
 from reports.figures.shading import ErrorScale, heat, shaded
 
 WIDTH, HEIGHT = 54, 96
@@ -93,8 +94,8 @@ def test_an_error_scale_needs_a_range():
 
 def test_windows_have_one_size_and_hold_their_mesh(capture):
     meshes = [ball(0.3), ball(0.5, shift=(0.05, 0.1, 0.0))]
-    frames = windows([(mesh, capture.cameras[0]) for mesh in meshes], panel_inch=3.0)
-    assert len({(frame.width, frame.height) for frame in frames}) == 1
+    frames = panel_windows([(mesh, capture.cameras[0]) for mesh in meshes], panel_inch=3.0)
+    assert len({frame.window.size for frame in frames}) == 1
     for mesh, frame in zip(meshes, frames, strict=True):
         whole = Raycaster(mesh).mask(capture.cameras[0]).sum()
         assert Raycaster(mesh).mask(frame.of_camera(capture.cameras[0])).sum() == whole
@@ -104,7 +105,7 @@ def test_windows_have_one_size_and_hold_their_mesh(capture):
 def test_the_window_of_a_photo_is_that_of_its_camera(capture, corner):
     image = photo(capture, 0)
     window = Window(*corner, 30, 40)
-    cropped = window.of_image(image)
+    cropped = PanelWindow(window).of_image(image)
     assert cropped.shape == (40, 30, 3)
     for row, column in ((0, 0), (20, 15), (39, 29)):
         y, x = row + window.top, column + window.left
@@ -113,15 +114,16 @@ def test_the_window_of_a_photo_is_that_of_its_camera(capture, corner):
 
 
 def test_a_small_photo_still_gets_a_sharp_mesh(capture):
-    window = Window(10, 10, 30, 40)
+    window = PanelWindow(Window(10, 10, 30, 40))
     camera = window.of_camera(capture.cameras[0], least_height=100)
     assert (camera.width, camera.height) == (90, 120)
 
 
 def test_a_large_photo_is_shown_as_small_as_it_is_printed_and_its_mesh_with_it(capture):
     mesh = ball(0.45)
-    window = windows([(mesh, capture.cameras[0])], panel_inch=0.2)[0]
-    camera, image = window.of_camera(capture.cameras[0]), window.of_image(photo(capture, 0))
+    panel = panel_windows([(mesh, capture.cameras[0])], panel_inch=0.2)[0]
+    camera, image = panel.of_camera(capture.cameras[0]), panel.of_image(photo(capture, 0))
+    window = panel.window
     assert image.shape == (30, camera.width, 3)
     assert camera.height == 30 < window.height
     photographed, seen = image.mean(axis=2) < 0.95, Raycaster(mesh).mask(camera)

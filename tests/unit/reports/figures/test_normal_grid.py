@@ -8,7 +8,7 @@ from harness.core.artifacts import Capture, NormalMaps, image_name
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError
 from harness.geometry.images import save_png
-from reports.figures.normal_grid import NormalPanels, NormalRow, _errors, _window, normal_grid
+from reports.figures.normal_grid import NormalPanels, NormalRow, _errors, normal_grid
 
 CAMERAS = RingRig().cameras(90, 160)
 FACING = np.array([0.0, 0.0, 1.0])
@@ -31,7 +31,7 @@ def panels(view=0, side="near", title="Front photo", error_deg=20.0):
     normals = FACING * mask[..., None]
     maps = NormalMaps(view, camera, mask, normals, -normals, normals, -normals)
     errors_deg = np.where(mask, error_deg, np.nan)
-    return NormalPanels(title, maps, side, normals, errors_deg, ("20.0° off", "10.0° off"))
+    return NormalPanels(title, maps, side, normals, errors_deg, "20.0° off", "10.0° off")
 
 
 def test_a_figure_of_both_photos_is_drawn(capture, tmp_path):
@@ -63,12 +63,6 @@ def test_rows_of_other_sides_are_refused(capture, tmp_path):
     for wrong in ([], rows):
         with pytest.raises(HarnessError, match="same photos and sides"):
             normal_grid(wrong, tmp_path / "normals.png")
-
-
-def test_the_window_of_a_crop_is_where_it_was_cut_out():
-    crop = CAMERAS[0].cropped(-10, 25, 110, 110).resized(55, 55)
-    window = _window(CAMERAS[0], crop)
-    assert (window.left, window.top, window.width, window.height) == (-10, 25, 110, 110)
 
 
 def test_pixels_without_an_error_are_white_and_60_degrees_the_last_colour():

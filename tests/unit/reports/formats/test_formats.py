@@ -82,7 +82,7 @@ def test_csv_does_not_put_a_number_under_another_unit():
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r", "\n"])
 def test_csv_text_is_no_formula_and_numbers_stay_numbers(start):
     title = f"{start}HYPERLINK(1)"
-    table = geometry_table([replace(r, method={**r.method, "title": title}) for r in HULL])
+    table = geometry_table([replace(r, method=replace(r.method, title=title)) for r in HULL])
     below_zero = {"chamfer": replace(table.rows[0].cells["chamfer"], value=-1.5)}
     table = replace(table, rows=(replace(table.rows[0], cells=below_zero),))
     (line,) = csv.DictReader(io.StringIO(to_csv(table), newline=""))
@@ -92,7 +92,7 @@ def test_csv_text_is_no_formula_and_numbers_stay_numbers(start):
 
 @pytest.mark.parametrize("title", ["a|b", "a\nb", "*bold* `code` <b>", "[x](y)"])
 def test_markdown_rows_keep_their_columns_whatever_a_method_is_called(title):
-    method = {**HULL[0].method, "title": title}
+    method = replace(HULL[0].method, title=title)
     text = to_markdown(geometry_table([replace(record, method=method) for record in HULL]))
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {6}

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.core.protocols import Part
 from harness.pipeline.run.store import RunStore
 from reports.formats.latex import escape, to_latex
 from reports.tables.cost import cost_table
@@ -25,9 +26,9 @@ def spread(values):
 
 def nasty_records():
     """Every text that a third party can put into a table is as bad as it can be."""
-    part = {"role": NASTY, "name": NASTY, "licence": NASTY, "sha256": ""}
+    part = Part(role=NASTY, name=NASTY, licence=NASTY)
     for record in RECORDS:
-        method = {**record.method, "title": f"[{NASTY}", "parts": [part], "privileges": [NASTY]}
+        method = replace(record.method, title=f"[{NASTY}", parts=(part,))
         stages = tuple(replace(stage, name=f"{NASTY} {stage.name}") for stage in record.stages)
         yield replace(
             record, method=method, stages=stages, dataset=NASTY, reason=record.reason and NASTY

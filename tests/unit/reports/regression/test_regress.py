@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.core.errors import DataError, HarnessError, ProtocolMismatch
-from harness.core.records import MetricValue
+from harness.core.records import ProtocolStamp
+from harness.core.results import AngularErrors, AngularPair, MetricValue, NormalMapErrors
 from harness.pipeline.run.store import RunStore
 from reports.regression.baseline import (
     Baseline,
@@ -133,20 +134,20 @@ def test_what_failed_in_the_baseline_too_is_unchanged():
 
 
 def test_a_changed_input_is_named_though_no_number_moved():
-    method = {**HULL[0].method, "parameters": {"voxel_m": 0.008}}
+    method = replace(HULL[0].method, parameters={"hull": {"voxel_m": 0.008}})
     other = replace(HULL[0], key="0123456789abcdef", method=method)
     comparison = compare([other], update(HULL[:1]))
     assert comparison.passed
     (changed,) = comparison.changed
-    assert changed.inputs == {"method.parameters.voxel_m": ("0.004", "0.008")}
+    assert changed.inputs == {"method.parameters.hull.voxel_m": ("0.004", "0.008")}
     for text in (to_text(comparison), to_markdown(comparison)):
         assert "01234567" in text
-        assert "method.parameters.voxel_m" in text
+        assert "method.parameters.hull.voxel_m" in text
 
 
 def test_another_package_is_named():
-    packages = {**HULL[0].environment["packages"], "open3d": "0.21.0"}
-    other = replace(HULL[0], environment={**HULL[0].environment, "packages": packages})
+    packages = {**HULL[0].environment.packages, "open3d": "0.21.0"}
+    other = replace(HULL[0], environment=replace(HULL[0].environment, packages=packages))
     (changed,) = compare([other], update(HULL[:1])).changed
     assert changed.inputs == {"packages.open3d": ("0.20.0", "0.21.0")}
 
@@ -155,14 +156,14 @@ def test_inputs_reach_into_parts():
     record = next(record for record in RECORDS if record.method_name == "mexecon")
     inputs = inputs_of(record)
     assert inputs["method.parts.1.sha256"] == "ab" * 32
-    assert inputs["capture"] == record.capture["key"]
+    assert inputs["capture"] == record.capture.key
     assert all(isinstance(value, str) for value in inputs.values())
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        {"protocol": {"name": "exact", "version": 1, "sha": "ffff"}},
+        {"protocol": ProtocolStamp("exact", 1, "ffff")},
         {"dataset": "thuman21"},
         {"recipe": "paper8"},
     ],
@@ -241,13 +242,13 @@ def test_the_file_is_meant_to_be_read(tmp_path):
     document = json.loads(path.read_text())
     (cell,) = document["cells"]
     assert cell["metrics"]["chamfer"] == {"value": 14.912, "unit": "mm"}
-    assert cell["inputs"]["method.parameters.voxel_m"] == "0.004"
+    assert cell["inputs"]["method.parameters.hull.voxel_m"] == "0.004"
     assert document["tolerances"]["chamfer"]["unit"] == "mm"
     assert "host" not in path.read_text()
 
 
 def test_a_method_without_a_row_fails_unless_it_is_new_on_purpose():
-    other = [replace(record, method={**record.method, "name": "fresh"}) for record in HULL]
+    other = [replace(record, method=replace(record.method, name="fresh")) for record in HULL]
     base = update(HULL)
     comparison = compare([*HULL, *other], base)
     assert comparison.unlisted == ("fresh",)
@@ -260,8 +261,9 @@ def test_a_method_without_a_row_fails_unless_it_is_new_on_purpose():
 
 def test_errors_of_normal_maps_are_guarded_like_metrics():
     def with_maps(record, mean_deg):
-        entry = {"view": 0, "side": "near", "all": {"estimate": {"mean_deg": mean_deg}}}
-        return replace(record, details={**record.details, "normal_maps": [entry]})
+        pixels = AngularErrors(mean_deg, mean_deg, 0.5, 0.75, 1.0, n=10)
+        entry = NormalMapErrors(0, 0.0, "near", None, AngularPair(pixels, pixels))
+        return replace(record, normal_maps=(entry,))
 
     base = update([with_maps(HULL[0], 12.0)])
     assert base.entries["hull8", HULL[0].subject].metrics["normal_map_0_near"].value == 12.0

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.artifacts import StageCost
+from harness.core.records import Environment
 from harness.pipeline.run.store import RunStore
 from reports.tables.cost import cost_table
 
@@ -63,5 +64,5 @@ def test_costs_are_not_ranked():
 
 def test_times_of_different_machines_are_marked():
     assert "Machine: Linux, 2 CPUs" in cost_table(HULL).remarks
-    elsewhere = replace(HULL[0], environment={"system": "Linux", "cpus": 64})
+    elsewhere = replace(HULL[0], environment=Environment(system="Linux", cpus=64))
     assert any("different machines" in text for text in cost_table([elsewhere, *HULL[1:]]).remarks)

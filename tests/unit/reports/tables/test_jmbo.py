@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import ProtocolMismatch
-from harness.core.records import MetricValue
+from harness.core.results import MetricValue
 from harness.pipeline.run.store import RunStore
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_json

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError
+from harness.core.protocols import Part
+from harness.core.results import AngularErrors, AngularPair, NormalMapErrors
 from harness.pipeline.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
@@ -21,22 +23,20 @@ SUBJECTS = [r.subject for r in RECORDS if r.method_name == "mexecon" and r.statu
 
 
 def summary(mean, n=1000):
-    shares = {"share_below_11_25": 0.25, "share_below_22_5": 0.5, "share_below_30": 0.75}
-    return {"mean_deg": mean, "median_deg": mean / 2, **shares, "n": n}
+    return AngularErrors(mean, mean / 2, 0.25, 0.5, 0.75, n)
 
 
 def entry(view, side, estimate, body, *, labelled=True):
     """The whole subject is 1 degree better than its clothes."""
-    clothed = {"estimate": summary(estimate), "body": summary(body)}
-    whole = {"estimate": summary(estimate - 1, 1500), "body": summary(body - 1, 1500)}
-    about = {"view": view, "yaw_deg": 45.0 * view, "side": side}
-    return {**about, "clothed": clothed if labelled else None, "all": whole}
+    clothed = AngularPair(summary(estimate), summary(body))
+    whole = AngularPair(summary(estimate - 1, 1500), summary(body - 1, 1500))
+    return NormalMapErrors(view, 45.0 * view, side, clothed if labelled else None, whole)
 
 
 def with_maps(entries, method="mexecon"):
     """The golden records, those of one method with errors of normal maps."""
     return [
-        replace(r, details={**r.details, "normal_maps": entries(r.subject)})
+        replace(r, normal_maps=tuple(entries(r.subject)))
         if r.method_name == method and r.status == "ok"
         else r
         for r in RECORDS
@@ -94,8 +94,8 @@ def test_without_labels_the_row_says_that_all_pixels_count():
 
 
 def test_a_side_without_a_clothed_pixel_shows_a_dash():
-    none = {**dict.fromkeys(summary(1.0)), "n": 0}
-    bare = {**entry(0, "near", 1, 2), "clothed": {"estimate": none, "body": none}}
+    none = AngularErrors(None, None, None, None, None, 0)
+    bare = replace(entry(0, "near", 1, 2), clothed=AngularPair(none, none))
     [row] = rows(normals_table(with_maps(lambda _: [bare]))).values()
     assert row["metrics"]["error"]["mean"] is None
     assert row["metrics"]["ratio"]["mean"] is None
@@ -104,9 +104,9 @@ def test_a_side_without_a_clothed_pixel_shows_a_dash():
 
 def test_the_estimator_and_the_methods_without_maps_are_named():
     records = with_maps(four)
-    parts = [{"role": "normal estimator", "name": "net 1", "licence": "MIT", "sha256": ""}]
+    parts = (Part("normal estimator", "net 1", "MIT"),)
     records = [
-        replace(r, method={**r.method, "parts": parts}) if r.method_name == "mexecon" else r
+        replace(r, method=replace(r.method, parts=parts)) if r.method_name == "mexecon" else r
         for r in records
     ]
     caption = normals_table(records).caption
@@ -135,7 +135,7 @@ def test_a_figure_is_told_the_means_over_clothes_or_over_everything():
     found = headline(record, 4, "near")
     assert (found.photo, found.estimate, found.body) == ("back photo", "12.0° off", "24.0° off")
     [bare] = [entry(2, "far", 10.0, 20.0, labelled=False)]
-    other = headline(replace(record, details={"normal_maps": [bare]}), 2, "far")
+    other = headline(replace(record, normal_maps=(bare,)), 2, "far")
     assert (other.photo, other.estimate) == ("photo at 90°", "9.0° off")
     with pytest.raises(DataError, match="view 3, near side"):
         headline(record, 3, "near")

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.privileges import Privilege
+from harness.core.records import CaptureStamp
 from harness.pipeline.run.store import RunStore
-from reports.statistics import sign_flip_p_value
 from reports.tables.geometry import GEOMETRY_METRICS
 from reports.tables.paired import paired_table
 
@@ -17,13 +18,13 @@ SIX = [f"a{index:02d}" for index in range(1, 7)]
 
 def scored(method, values, subjects=SIX, **given):
     """Records of a method whose metrics all have one value per subject."""
-    described = {**TEMPLATE.method, "name": method, "title": method.upper(), **given}
+    described = replace(TEMPLATE.method, name=method, title=method.upper(), **given)
     return [
         replace(
             TEMPLATE,
             method=described,
             subject=subject,
-            capture={},
+            capture=CaptureStamp(),
             metrics={m: replace(TEMPLATE.metrics[m], value=value) for m in GEOMETRY_METRICS},
         )
         for subject, value in zip(subjects, values, strict=True)
@@ -31,9 +32,7 @@ def scored(method, values, subjects=SIX, **given):
 
 
 def table_of(*records, **options):
-    return paired_table(
-        [r for group in records for r in group], p_value=sign_flip_p_value, **options
-    )
+    return paired_table([r for group in records for r in group], **options)
 
 
 HARD = scored("base", [10.0, 20.0, 30.0, 40.0, 50.0, 60.0])
@@ -75,7 +74,7 @@ def test_holm_raises_each_p_value_by_the_claims_that_are_left():
 
 def test_the_first_method_asked_for_is_compared_against_and_the_truth_never():
     other = scored("other", [11.0, 21.0, 31.0, 41.0, 51.0, 61.0])
-    truth = scored("truth", [0.0] * 6, privileges=["ground_truth_mesh"])
+    truth = scored("truth", [0.0] * 6, privileges=(Privilege.GROUND_TRUTH_MESH,))
     table = table_of(HARD, other, truth, methods=("truth", "other", "base"))
     assert [row.method for row in table.rows] == ["base"]
     assert table.rows[0].cells["chamfer"].value == pytest.approx(-1.0)

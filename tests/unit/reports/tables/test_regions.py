@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.results import RegionErrors
 from harness.data.avatars.clothes import wardrobe
 from harness.data.avatars.skin.bake import _REGIONS
 from harness.pipeline.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json
-from reports.tables.regions import REGION_GROUPS, regions_of, regions_table
+from reports.tables.regions import REGION_GROUPS, regions_table
 
 RUN = Path(__file__).parents[3] / "golden" / "run"
 RECORDS = [r for r in RunStore(RUN).records() if r.method_name in ("hull8", "gt")]
@@ -22,15 +23,23 @@ SUBJECTS = [r.subject for r in RECORDS if r.method_name == "hull8" and r.status 
 
 
 def errors(completeness, share=0.1, n=100, **more):
-    numbers = {"completeness_mm": completeness, "area_share": share, "n_truth": n}
-    others = {"accuracy_mm": completeness / 2, "normal_error_deg": 9.0, "n_predicted": n}
-    return {**numbers, **others, "missing_share": 0.25, "bulge_share": 0.125, **more}
+    found = RegionErrors(
+        area_share=share,
+        accuracy_mm=completeness / 2,
+        completeness_mm=completeness,
+        normal_error_deg=9.0,
+        missing_share=0.25,
+        bulge_share=0.125,
+        n_predicted=n,
+        n_truth=n,
+    )
+    return replace(found, **more)
 
 
 def with_regions(regions, method="hull8"):
     """The golden records of two methods, those of one with errors by region."""
     return [
-        replace(r, details={**r.details, "regions": regions(r.subject)})
+        replace(r, regions=regions(r.subject))
         if r.method_name == method and r.status == "ok"
         else r
         for r in RECORDS
@@ -63,7 +72,7 @@ def test_a_subject_counts_where_it_has_the_region():
     table = regions_table(records, methods=["hull8"])
     cells = rows(table)["hull8"]["metrics"]
     assert cells["completeness_arms"]["mean"] == pytest.approx(10.0)
-    n = len([r for r in records if regions_of(r)])
+    n = len([r for r in records if r.regions])
     assert f"Not on all of {n} subjects: Head 0, Torso 0, Arms 1" in table.caption
 
 
@@ -81,8 +90,8 @@ def test_each_column_has_its_best_on_the_subjects_that_all_rows_have_there():
     named = [
         replace(
             record,
-            method={**record.method, "name": "other", "title": "Other"},
-            details={"regions": other[record.subject]},
+            method=replace(record.method, name="other", title="Other"),
+            regions=other[record.subject],
         )
         for record in hull
     ]

@@ -10,7 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.core.errors import HarnessError, ProtocolMismatch
-from harness.core.records import MetricValue
+from harness.core.privileges import Privilege
+from harness.core.protocols import Part
+from harness.core.records import CaptureStamp, ProtocolStamp
+from harness.core.results import MetricValue
 from harness.pipeline.run.store import RunStore
 from reports.tables.geometry import geometry_table
 from reports.tables.table import footnote_mark
@@ -108,7 +111,7 @@ def with_chamfers(method, by_subject):
     made = []
     for record in of_method("hull8"):
         value = by_subject.get(record.subject)
-        named = replace(record, method={**record.method, "name": method, "title": method})
+        named = replace(record, method=replace(record.method, name=method, title=method))
         failed = replace(named, status="failed", reason="it fell over", metrics={})
         made.append(failed if value is None else with_chamfer(named, value))
     return made
@@ -176,8 +179,8 @@ def test_an_interval_needs_two_subjects():
 CHANGES = {
     "dataset": {"dataset": "thuman21"},
     "recipe": {"recipe": "paper8"},
-    "protocol": {"protocol": {"name": "exact", "version": 1, "sha": "ffff"}},
-    "capture of a01": {"capture": {"key": "another", "warnings": []}},
+    "protocol": {"protocol": ProtocolStamp("exact", 1, "ffff")},
+    "capture of a01": {"capture": CaptureStamp("another")},
 }
 
 
@@ -195,22 +198,30 @@ def test_records_that_do_not_compare_are_refused(what):
 
 def test_the_same_protocol_in_another_version_is_another_protocol():
     hull, mexecon = of_method("hull8")[0], of_method("mexecon")[0]
-    newer = replace(mexecon, protocol={**mexecon.protocol, "version": 2, "sha": "ffff"})
+    newer = replace(mexecon, protocol=replace(mexecon.protocol, version=2, sha="ffff"))
     with pytest.raises(ProtocolMismatch, match="version 2"):
         geometry_table([hull, newer])
 
 
-@pytest.mark.parametrize("field", ["views", "parts", "privileges", "parameters"])
-def test_two_states_of_a_method_are_not_averaged(field):
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("views", (7,)),
+        ("parts", (Part("body model", "another", "MIT"),)),
+        ("privileges", (Privilege.SUBJECT_CENTRE,)),
+        ("parameters", {"hull": {"voxel_m": 7.0}}),
+    ],
+)
+def test_two_states_of_a_method_are_not_averaged(field, value):
     first, second = of_method("hull8")[:2]
-    other = replace(second, method={**second.method, field: ["something else"]})
+    other = replace(second, method=replace(second.method, **{field: value}))
     with pytest.raises(ProtocolMismatch, match=f"hull8/a01 and hull8/a02 .* {field} differ"):
         geometry_table([first, other])
 
 
 def test_a_failed_record_of_an_older_state_does_not_stop_the_table():
     first, second = of_method("hull8")[:2]
-    older = {**second.method, "parameters": {"voxel_m": 0.1}}
+    older = replace(second.method, parameters={"hull": {"voxel_m": 0.1}})
     failed = replace(second, method=older, status="failed", reason="no disk", metrics={})
     assert geometry_table([first, failed]).rows[0].n == 1
 
@@ -220,8 +231,8 @@ def test_a_mesh_made_elsewhere_has_no_photos_and_says_so():
     scored = replace(
         record,
         recipe="",
-        capture={"key": "", "warnings": []},
-        method={**record.method, "name": "mine", "title": "Mine", "privileges": []},
+        capture=CaptureStamp(),
+        method=replace(record.method, name="mine", title="Mine", privileges=()),
     )
     table = geometry_table([scored, record])
     assert row_of(table, "mine").notes == ("Meshes made elsewhere",)
@@ -255,7 +266,7 @@ def test_nothing_to_report_says_what_there_is():
 
 def test_the_caption_says_what_was_measured_and_how():
     table = geometry_table(RECORDS)
-    for part in ("avatars", "3 subjects", "quick8", "mexecon version 2", table.protocol["sha"]):
+    for part in ("avatars", "3 subjects", "quick8", "mexecon version 2", table.protocol.sha):
         assert str(part) in table.caption
     assert "n/N" in table.caption
     assert "n/N" not in geometry_table(of_method("hull8")).caption

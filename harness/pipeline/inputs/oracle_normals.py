@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.sides import Side, SidedRaycaster
+from harness.geometry.raycast import Raycaster, Side
 
 __all__ = ["OracleNormals"]
 
@@ -20,13 +20,14 @@ class OracleNormals:
 
     Args:
         truth: The scan, world metres.
-        cameras: Of the method's views; crops and other sizes of them are views of the same.
+        cameras: The cameras of the method's views; crops and other sizes of them count as the
+            same views.
     """
 
     def __init__(self, truth: Mesh, cameras: Sequence[Camera]) -> None:
         self._truth = truth
         self._cameras = tuple(cameras)
-        self._caster: SidedRaycaster | None = None
+        self._caster: Raycaster | None = None
 
     def __call__(self, camera: Camera, side: Side = "near") -> NDArray[np.float64]:
         """(H, W, 3) unit normals, x right, y up, z towards the viewer; 0 beside the scan.
@@ -46,5 +47,5 @@ class OracleNormals:
                 got=f"a camera at {np.round(camera.position, 3).tolist()}",
             )
         if self._caster is None:
-            self._caster = SidedRaycaster(self._truth.geometry())
+            self._caster = Raycaster(self._truth.geometry())
         return self._caster.normals(camera, side)

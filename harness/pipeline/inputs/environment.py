@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import harness
+from harness.core.records import Environment
 
 __all__ = ["SEALED_LOG", "checkout", "environment", "utc_now"]
 
@@ -27,17 +29,19 @@ def utc_now() -> str:
 
 
 @cache
-def environment() -> dict[str, object]:
+def environment() -> Environment:
     """Host, interpreter, package versions, and a checkout's commit and dirty flag."""
-    return {
-        "harness": harness.__version__,
-        "python": platform.python_version(),
-        "system": platform.platform(),
-        "machine": platform.machine(),
-        "cpus": os.cpu_count(),
-        "packages": {name: _version(name) for name in _PACKAGES},
-        **_commit(),
-    }
+    made_from = _commit()
+    return Environment(
+        harness=harness.__version__,
+        python=platform.python_version(),
+        system=platform.platform(),
+        machine=platform.machine(),
+        cpus=os.cpu_count(),
+        packages={name: _version(name) for name in _PACKAGES},
+        commit=made_from.sha,
+        dirty=made_from.dirty,
+    )
 
 
 def _version(package: str) -> str | None:
@@ -53,16 +57,24 @@ def checkout() -> Path | None:
     return folder if (folder / ".git").exists() else None
 
 
-def _commit() -> dict[str, object]:
+@dataclass(frozen=True, slots=True)
+class _Commit:
+    """A checkout's commit and whether it has changes that are in no commit; None where unknown."""
+
+    sha: str | None = None
+    dirty: bool | None = None
+
+
+def _commit() -> _Commit:
     folder = checkout()
     if folder is None:
-        return {"commit": None, "dirty": None}
+        return _Commit()
     try:
         commit = _git(folder, "rev-parse", "HEAD")
         changed = _git(folder, "status", "--porcelain", "--", ".", f":(exclude){SEALED_LOG}")
-        return {"commit": commit, "dirty": bool(changed)}
+        return _Commit(commit, bool(changed))
     except (OSError, subprocess.SubprocessError):
-        return {"commit": None, "dirty": None}
+        return _Commit()
 
 
 def _git(folder: Path, *arguments: str) -> str:

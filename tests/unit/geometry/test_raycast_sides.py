@@ -8,7 +8,7 @@ import pytest
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from harness.geometry.sides import SidedRaycaster
+from harness.geometry.raycast import Raycaster
 
 RADIUS, CENTRE = 0.4, np.array([0.1, -0.2, 0.15])
 
@@ -45,7 +45,7 @@ def crossings(camera):
 
 @pytest.mark.parametrize("view", [0, 3])
 def test_both_depths_of_a_sphere(view, cameras):
-    caster, camera = SidedRaycaster(sphere(RADIUS, tuple(CENTRE))), cameras[view]
+    caster, camera = Raycaster(sphere(RADIUS, tuple(CENTRE))), cameras[view]
     near, far, _ = crossings(camera)
     inner = far - near > 0.3 * RADIUS  # away from the rim, where a facet is millimetres off
     assert inner.sum() > 2000
@@ -54,7 +54,7 @@ def test_both_depths_of_a_sphere(view, cameras):
 
 
 def test_far_normals_point_away_along_the_same_rays(cameras):
-    caster, camera = SidedRaycaster(sphere(RADIUS, tuple(CENTRE))), cameras[1]
+    caster, camera = Raycaster(sphere(RADIUS, tuple(CENTRE))), cameras[1]
     near, far, rays = crossings(camera)
     inner = far - near > 0.3 * RADIUS
     for side, depth in (("near", near), ("far", far)):
@@ -73,11 +73,11 @@ def test_layers_between_are_not_seen(cameras):
         np.concatenate([small.faces, large.faces + len(small.vertices)]),
     )
     for side in ("near", "far"):
-        hits = SidedRaycaster(both).cast(cameras[0], side)
+        hits = Raycaster(both).cast(cameras[0], side)
         assert (hits.face[hits.mask] >= len(small.faces)).all()
 
 
 def test_out_of_the_picture_nothing_is_met(cameras):
-    hits = SidedRaycaster(sphere(0.1, (0.0, 9.0, 0.0))).cast(cameras[0], "far")
+    hits = Raycaster(sphere(0.1, (0.0, 9.0, 0.0))).cast(cameras[0], "far")
     assert not hits.mask.any()
     assert np.isnan(hits.depth).all()

@@ -1,0 +1,65 @@
+"""The verbs of the command line; a verb's module is imported when the verb is called.
+
+This is the one lazy entry point of the command line: ``harness --help`` answers at once, and the
+modules of the verbs import what they need at the top like all others.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+__all__ = ["VERBS", "Verbs", "verb_command", "verb_group"]
+
+#: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
+VERBS = {
+    "quickstart": "Make two avatars, run every method, and print the tables.",
+    "doctor": "Check what is installed, and what to do about the rest.",
+    "render": "Render calibrated photos of subjects.",
+    "eval": "Run methods on subjects and score what they make.",
+    "score": "Score meshes that were made elsewhere.",
+    "report": "Print a table of a run, or draw a figure of it.",
+    "check": "Compare the numbers of a run with a stored baseline.",
+    "data": "List, check, make and show the data.",
+    "methods": "List the methods, and show what one of them is made of.",
+    "train": "Train the open networks.",
+    "weights": "List, import and verify the networks that estimate normals.",
+}
+#: Modules of ``harness.cli.verbs`` that are not called like their verb.
+_MODULES = {"eval": "evaluate"}
+
+
+def verb_command(verb: str) -> Any:
+    """A verb's whole command with its options or its own verbs; imports the verb's module."""
+    module = importlib.import_module(f"harness.cli.verbs.{_MODULES.get(verb, verb)}")
+    return typer.main.get_command(module.app)
+
+
+class _LazyVerb(TyperCommand):
+    """A verb's name and summary, which stand for the whole verb until it is called."""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
+        """The context of the verb itself, imported now."""
+        assert self.name is not None
+        return verb_command(self.name).make_context(info_name, args, parent, **extra)
+
+
+class Verbs(TyperGroup):
+    """All verbs, none of which has been imported."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        for name, summary in VERBS.items():
+            self.add_command(_LazyVerb(name, help=summary, rich_markup_mode=None))
+
+
+def verb_group(name: str) -> typer.Typer:
+    """An empty group or command for a verb; its help begins with the verb's summary."""
+    return typer.Typer(
+        help=VERBS[name], no_args_is_help=True, add_completion=False, rich_markup_mode=None
+    )

@@ -1,0 +1,105 @@
+"""A subject's silhouette in one view, and how far points are from its outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from harness.core.arrays import Floats, Mask, Singles
+from harness.core.cameras.camera import Camera
+from harness.geometry.images import resampled, sampled
+from harness.geometry.window import Window
+
+__all__ = ["Outline", "inner_depth_px"]
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What one camera sees of where the subject is.
+
+    A pixel belongs to the subject where its coverage is above one half. Beyond the frame nothing is
+    known: there the silhouette goes on as it is at the border, so that a subject that the frame
+    cuts does not end there.
+
+    Attributes:
+        camera: Full perspective, of exactly these pixels.
+        coverage: (H, W) share of each pixel that the subject covers, 0 to 1.
+    """
+
+    camera: Camera
+    coverage: Floats
+
+    @cached_property
+    def mask(self) -> Mask:
+        """(H, W) where the subject is."""
+        return self.coverage > 0.5
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the view shows no subject."""
+        return not self.mask.any()
+
+    @property
+    def box(self) -> Window:
+        """The least window that holds the subject, which must not be empty."""
+        return Window.around(self.mask)
+
+    @cached_property
+    def distance_px(self) -> Singles:
+        """(H, W) signed distance of pixel centres to the outline, pixels; positive inside.
+
+        Within a pixel of the outline it is what coverage says, exact where the outline is straight
+        and along the pixels.
+        """
+        far = np.where(self.mask, inner_depth_px(self.mask), -inner_depth_px(~self.mask))
+        # Between the centres of two pixels the outline runs where coverage says, not half-way.
+        sub_pixel = np.clip(self.coverage - 0.5, -0.5, 0.5)
+        return np.where(np.abs(far) < 1.0, sub_pixel, far).astype(np.float32)
+
+    def distance_m(self, points_world: Floats) -> Singles:
+        """(N,) signed distance of world points to the silhouette's cone, metres at their depth.
+
+        Positive inside. Points must be in front of the camera.
+        """
+        pixels, depth = self.camera.project(points_world)
+        distance = sampled(self.distance_px, pixels)
+        return (distance * depth / self.camera.K[0, 0]).astype(np.float32)
+
+    def holds(self, points_world: Floats) -> Mask:
+        """(N,) whether world points are seen within the subject, to whole pixels.
+
+        Beyond the frame and behind the camera all are: nothing says that the subject ends there.
+        """
+        pixels, _ = self.camera.project(points_world)
+        with np.errstate(invalid="ignore"):  # behind the camera: NaN, so not in the frame
+            framed = ((pixels >= 0) & (pixels < self.camera.size)).all(axis=1)
+        columns, rows = pixels[framed].astype(np.int64).T
+        held = np.ones(len(points_world), dtype=bool)
+        held[framed] = self.mask[rows, columns]
+        return held
+
+    def cropped(self, window: Window) -> Outline:
+        """The silhouette in a window inside the picture."""
+        return Outline(window.camera(self.camera), self.coverage[window.slices])
+
+    def resized(self, width: int, height: int) -> Outline:
+        """The silhouette on other pixels; a larger one is the mean of those that it covers."""
+        coverage = resampled(self.coverage, (width, height), "box")
+        return Outline(self.camera.resized(width, height), coverage)
+
+
+def inner_depth_px(mask: Mask) -> Floats:
+    """(H, W) distance of the centres of a mask's pixels to its outline, pixels; -0.5 outside.
+
+    Beyond the frame the mask goes on as it is at the border. Where it is the whole picture there is
+    no outline, and all is width plus height deep.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    if mask.all():
+        return np.full(mask.shape, float(sum(mask.shape)))
+    padded = np.pad(mask, 1, mode="edge")
+    depth = np.asarray(distance_transform_edt(padded), dtype=np.float64)
+    return depth[1:-1, 1:-1] - 0.5

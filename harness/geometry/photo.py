@@ -1,0 +1,109 @@
+"""A photo owns its camera: pixels and camera are opened, cropped and resized together.
+
+``open_photo`` decodes each file once per process. A photo keeps the file's own pixels; who works
+on other pixels takes a ``Picture`` of it:
+
+    photo = open_photo(capture, 0)
+    window = photo.outline.box.square(fill=0.9)
+    picture = photo.cropped(window).resized(512, 512)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from numpy.typing import ArrayLike
+
+from harness.core.arrays import Bytes, Floats, Mask
+from harness.core.artifacts import Capture
+from harness.core.cameras.camera import Camera
+from harness.geometry.images import composite, load_rgba, resampled
+from harness.geometry.outline import Outline
+from harness.geometry.window import Window
+
+__all__ = ["BLACK", "WHITE", "Photo", "Picture", "open_photo"]
+
+#: Backgrounds, sRGB.
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A view at a working size: floating-point colours on the pixels of its camera.
+
+    Attributes:
+        camera: Full perspective, of exactly these pixels.
+        rgb: (H, W, 3) sRGB in [0, 1] over black, so that half-covered pixels are darker.
+        coverage: (H, W) share of each pixel that the subject covers, 0 to 1.
+    """
+
+    camera: Camera
+    rgb: Floats
+    coverage: Floats
+
+    @property
+    def mask(self) -> Mask:
+        """(H, W) where at least half of the pixel is subject."""
+        return self.coverage >= 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """One view of a capture as its file has it, or a window of it.
+
+    Attributes:
+        rgba: (H, W, 4) uint8: sRGB colour, not premultiplied, and coverage; not to be written to.
+        camera: Full perspective, of exactly these pixels.
+        source: The file.
+    """
+
+    rgba: Bytes
+    camera: Camera
+    source: Path
+
+    @cached_property
+    def mask(self) -> Mask:
+        """(H, W) where at least half of the pixel is subject."""
+        return self.rgba[..., 3] >= 128
+
+    @property
+    def coverage(self) -> Floats:
+        """(H, W) share of each pixel that the subject covers, 0 to 1; computed at each call."""
+        return self.rgba[..., 3] / 255.0
+
+    @property
+    def outline(self) -> Outline:
+        """The subject's silhouette; made at each call, and what it computes is kept with it."""
+        return Outline(self.camera, self.coverage)
+
+    def over(self, background: ArrayLike = BLACK) -> Floats:
+        """(H, W, 3) in [0, 1]: the subject over a plain sRGB colour (3,) in [0, 1]."""
+        return composite(self.rgba, background)
+
+    def cropped(self, window: Window) -> Photo:
+        """A window of the photo; nothing is shown where it reaches outside."""
+        return replace(self, rgba=window.cut(self.rgba), camera=window.camera(self.camera))
+
+    def resized(
+        self, width: int, height: int, kernel: Literal["box", "bilinear"] = "bilinear"
+    ) -> Picture:
+        """The photo over black on other pixels, in float32's precision."""
+        size = (width, height)
+        return Picture(
+            camera=self.camera.resized(width, height),
+            rgb=resampled(self.over(BLACK), size, kernel),
+            coverage=resampled(self.coverage, size, kernel),
+        )
+
+
+def open_photo(capture: Capture, view: int) -> Photo:
+    """A view of a capture, by its index; its file is decoded once per process.
+
+    Raises:
+        DataError: no such file, not a complete RGBA PNG, or of another size than its camera.
+    """
+    camera, path = capture.cameras[view], capture.image_path(view)
+    return Photo(load_rgba(path, camera.size), camera, path)

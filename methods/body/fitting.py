@@ -1,0 +1,160 @@
+"""One body fitted to usable views: single views, their average, all landmarks, JMBO."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harness.core.arrays import Floats
+from harness.core.artifacts import Body, BodyLandmarks
+from harness.core.protocols import Context
+from methods.body.fit.fit_frame import fit_frame, in_frame, out_of_frame
+from methods.body.fit.jmbo import NormalsOf, optimise
+from methods.body.fit.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
+from methods.body.models.model import MAIN_JOINTS, Parameters, ParametricBody, Posed
+from methods.body.photos.views import Views
+from methods.body.result import BodyFitResult, FitCost
+from methods.body.settings import FitSettings
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["FittedParameters", "NormalsIn", "fit_body", "fitted_parameters"]
+
+#: Makes what estimates the clothed normals of some views: called with the views, and the (4, 4)
+#: from the world to the frame that their cameras are in.
+NormalsIn = Callable[[Views, Floats], NormalsOf]
+
+#: A hand is there when it was found in at least this share of a photo's readings.
+_HAND_FOUND = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedParameters:
+    """Parameters of the one body that views agree on; ``swapped`` and ``cost`` as in the result."""
+
+    parameters: dict[str, Tensor]
+    swapped: tuple[int, ...] | None = None
+    cost: FitCost | None = None
+
+
+def fit_body(
+    body: ParametricBody,
+    views: Views,
+    settings: FitSettings,
+    context: Context,
+    normals_in: NormalsIn | None = None,
+) -> BodyFitResult:
+    """The body that the views agree on, world metres.
+
+    Args:
+        body: The body model, with the landmarks that it is fitted by.
+        views: Usable views of one capture.
+        settings: How far the fit goes, and the weights of its cost.
+        context: Seed and stages.
+        normals_in: Estimates clothed normals, for a fit that compares normals with a network's.
+    """
+    with _one_thread():
+        fit = fitted_parameters(body, views, settings, context, normals_in)
+    left, right = views.detections.hands[0] >= _HAND_FOUND
+    return BodyFitResult(
+        body=_exported(body, fit.parameters),
+        views_used=views.indices,
+        hands_found=(bool(left), bool(right)),
+        regions=body.regions,
+        views_left_out=views.left_out,
+        depth_is_given=views.views[0].place.depth_is_known,
+        swapped=fit.swapped,
+        cost=fit.cost,
+    )
+
+
+def fitted_parameters(
+    body: ParametricBody,
+    views: Views,
+    settings: FitSettings,
+    context: Context,
+    normals_in: NormalsIn | None = None,
+) -> FittedParameters:
+    """As ``fit_body``, in the body model's own parameters, world frame."""
+    world_to_fit = fit_frame(views)
+    views = in_frame(views, world_to_fit)
+    with context.stage("single views"):
+        singles = fit_each_view(body.sparse(), views.views, views.detections)
+        parameters = average(singles)
+    swapped, cost = None, None
+    if settings.stage in ("landmarks", "jmbo") and "landmarks" in (settings.stage, settings.start):
+        with context.stage("joint landmarks"):
+            views, parameters, swapped = _joint_landmarks(body, views, parameters)
+    if settings.stage == "jmbo":
+        normals_of = None
+        if normals_in is not None:
+            with context.stage("normals"):
+                normals_of = normals_in(views, world_to_fit)
+                views = _with_normals(body, views, parameters, normals_of)
+        with context.stage("jmbo"):
+            fit = optimise(body, views, parameters, settings, context.seed, normals_of)
+        parameters, cost = fit.parameters, FitCost(fit.costs, fit.terms, fit.ended)
+    return FittedParameters(out_of_frame(parameters, world_to_fit), swapped, cost)
+
+
+def _joint_landmarks(
+    body: ParametricBody, views: Views, start: Parameters
+) -> tuple[Views, dict[str, Tensor], tuple[int, ...]]:
+    """The views with left and right put right, the body of their landmarks, the swapped views."""
+    sparse = body.sparse()
+    parameters = fit_jointly(sparse, views.views, views.detections, start)
+    swapped = swapped_views(sparse, views.views, views.detections, parameters)
+    if swapped.any():
+        views = replace(views, detections=views.detections.mirrored(swapped))
+        parameters = fit_jointly(sparse, views.views, views.detections, parameters)
+    indices = zip(views.indices, swapped, strict=True)
+    return views, parameters, tuple(index for index, is_swapped in indices if is_swapped)
+
+
+def _with_normals(
+    body: ParametricBody, views: Views, start: Parameters, normals_of: NormalsOf
+) -> Views:
+    """The views with the normals that are estimated with the body that the fit starts from."""
+    normals = normals_of(_posed(body, start).vertices[0].double().numpy())
+    seen = zip(views.views, normals, strict=True)
+    return replace(views, views=tuple(replace(view, normals_camera=map_) for view, map_ in seen))
+
+
+def _exported(body: ParametricBody, parameters: Parameters) -> Body:
+    posed = _posed(body, parameters)
+    points = body.landmark_points(posed)
+    return Body(
+        model=body.name,
+        vertices=posed.vertices[0].double().numpy(),
+        joints=posed.joints[0].double().numpy(),
+        faces=body.faces,
+        parameters=body.export(parameters),
+        joint_names=body.joint_names,
+        main_joints=np.array([body.roles[role] for role in MAIN_JOINTS]),
+        landmarks=BodyLandmarks(body.landmarks.landmarks, points[0].double().numpy()),
+    )
+
+
+def _posed(body: ParametricBody, parameters: Parameters) -> Posed:
+    import torch
+
+    with torch.no_grad():
+        return body.posed(parameters)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Small tensors: a second thread only spins, and sums keep one order for equal results."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,73 @@
+"""Settings of a body fit: which body, how far the fit goes, and the weights of its cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from harness.core.settings import check_choice
+from methods.body.fit.weights import Weights
+
+__all__ = ["FitSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings(Weights):
+    """Settings of a body fit; those of ``Weights`` and these.
+
+    Attributes:
+        model: The body model, ``anny`` or ``smplx``.
+        model_file: The user's own SMPL-X model file, for ``smplx``.
+        stage: How far the fit goes: ``front``, ``average``, ``landmarks`` or ``jmbo``.
+        start: What JMBO starts from: ``average`` (the paper) or ``landmarks``, one body fitted to
+            the landmarks of all views, which also finds views with left and right exchanged.
+        normals: What the normal term compares the body with: ``off``; ``open``, the network that is
+            shipped; or ``oracle``, rendered from the scan, a privilege.
+        depth: What tells a single view how far away the subject is: ``height-prior``, how tall the
+            body model takes people to be, or ``subject-centre``, a privilege.
+        subject_px: Longer side of the subject in the pictures that the fit works on.
+    """
+
+    model: str = "anny"
+    model_file: str = ""
+    stage: str = "jmbo"
+    start: str = "average"
+    normals: str = "open"
+    depth: str = "height-prior"
+    subject_px: int = 256
+
+    def __post_init__(self) -> None:
+        Weights.__post_init__(self)
+        for name, known in (
+            ("model", ("anny", "smplx")),
+            ("stage", ("front", "average", "landmarks", "jmbo")),
+            ("start", ("average", "landmarks")),
+            ("normals", ("off", "open", "oracle")),
+            ("depth", ("height-prior", "subject-centre")),
+        ):
+            check_choice(name, getattr(self, name), known)
+
+    @property
+    def compares_normals(self) -> bool:
+        """Whether the normal term counts."""
+        return self.stage == "jmbo" and self.normal > 0 and self.normals != "off"
+
+    @property
+    def wants_network(self) -> bool:
+        """Whether a normal network is run."""
+        return self.compares_normals and self.normals == "open"
+
+    @property
+    def uses_oracle(self) -> bool:
+        """Whether the scan's normals are asked for, which is a privilege."""
+        return self.compares_normals and self.normals == "oracle"
+
+    def in_use(self, views: int) -> dict[str, object]:
+        """The settings that a fit to so many views depends on, by name."""
+        unused = set[str]() if self.stage == "jmbo" else {field.name for field in fields(Weights)}
+        if self.stage != "jmbo":
+            unused |= {"start", "normals"}
+        if views > 1:
+            unused.add("depth")
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values["model_file"] = bool(self.model_file)
+        return {name: value for name, value in values.items() if name not in unused}
