@@ -23,11 +23,16 @@ from methods.body.photos import detection
 from methods.body.photos.views import Views, load_views
 from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
-from methods.deviations import BODY_AVERAGE, BODY_FRONT, JMBO_WITHOUT_HEAD, PUBLISHED_JMBO
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import NormalChoice
-from methods.published import Published
+from methods.publications.deviations import (
+    BODY_AVERAGE,
+    BODY_FRONT,
+    JMBO_WITHOUT_HEAD,
+    PUBLISHED_JMBO,
+)
+from methods.publications.published import Published
 
 __all__ = ["BodyFit", "body_average", "body_front", "jmbo8", "jmbo8_no_head", "jmbo8_plus"]
 

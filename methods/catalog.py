@@ -20,6 +20,7 @@ METHODS = Registry(
         "jmbo8-no-head": "methods.body_fit:jmbo8_no_head",
         "jmbo8+": "methods.body_fit:jmbo8_plus",
         "oracle8": "methods.mexecon:oracle8",
+        "stereo8": "methods.stereo8:stereo8",
         "hull8": "methods.hull:hull8",
         "gt": "methods.gt:gt",
     },

@@ -30,7 +30,7 @@ from methods.body.settings import FitSettings
 from methods.body_fit import BodyFit
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.view_maps import filled_normals
-from methods.published import Published
+from methods.publications.published import Published
 from methods.stages import Stages, contact_sheet
 from methods.surface.clothed_body import clothed_body
 from methods.surface.completion import BodyCompletion, CompletionParameters

@@ -24,9 +24,9 @@ from dataclasses import replace
 from harness.core.mesh import Mesh
 from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod, ClothedSettings, SheetPlan
-from methods.deviations import MEXECON, MEXECON_CEILING
 from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import ViewMaps
+from methods.publications.deviations import MEXECON, MEXECON_CEILING
 from methods.surface import FrontBackDepth, SheetParameters
 from methods.surface.sheets import depth_sheet
 

@@ -83,11 +83,13 @@ def start_surface(
 
 def clothed(body: Mesh, views: Sequence[FusionView]) -> Mesh:
     """A fitted body moved out to the clothes that the outlines show."""
-    return clothed_body(body, [_silhouette(view) for view in views])
+    outlines = [_plain(view.outline) for view in views]
+    return clothed_body(body, outlines)
 
 
-def _silhouette(view: FusionView) -> Outline:
-    return Outline(view.outline.camera, (view.outline.distance_px > 0).astype(np.float64))
+def _plain(outline: SignedOutline) -> Outline:
+    """An outline as the rest of the house has it, to whole pixels."""
+    return Outline(outline.camera, (outline.distance_px > 0).astype(np.float64))
 
 
 def hull_distance(outlines: Sequence[SignedOutline], points: Floats) -> Singles:
@@ -110,7 +112,7 @@ def hull_lattice(views: Sequence[FusionView], step_m: float) -> Lattice:
         MethodError: nothing is.
     """
     outlines = [view.outline for view in views]
-    place = place_of([_silhouette(view) for view in views])
+    place = place_of([_plain(outline) for outline in outlines])
     half = _WIDEST * max(place.half_width_m, place.half_height_m) + _SEARCH_MARGIN_M
     count = int(np.ceil(2 * half / _SEARCH_STEP_M)) + 1
     search = Lattice(place.centre - half, _SEARCH_STEP_M, (count, count, count))

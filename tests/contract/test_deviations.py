@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.pipeline.run.chosen_method import ChosenMethod
-from methods.published import SET_BY_USER, Published
+from methods.publications.published import SET_BY_USER, Published
 from methods.surface.front_back import FrontBackParameters
 
 #: As printed in the two papers or set in their public code; written down here a second time, so

@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.topology import open_edges
+from harness.geometry.topology import concatenated, open_edges
 from methods.nview.lattices import (
     Lattice,
     contoured,
@@ -16,7 +16,6 @@ from methods.nview.lattices import (
     signed_distance,
     winding,
 )
-from methods.surface.fusion import concatenated
 
 RADIUS = 0.2
 

@@ -9,11 +9,11 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.mesh import Mesh
 from harness.core.settings import overridden
+from harness.geometry.topology import concatenated
 from methods.nview.settings import FusionSettings
 from methods.nview.surfaces import Surface
 from methods.nview.targets import fused_targets, sightings
 from methods.nview.views import NormalTargets, checked_views
-from methods.surface.fusion import concatenated
 
 SETTINGS = FusionSettings(body="off")
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from harness.core.protocols import Deviation
-from methods.published import Published
+from methods.publications.published import Published
 
 __all__ = [
     "BODY_AVERAGE",

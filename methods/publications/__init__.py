@@ -1,0 +1,1 @@
+"""What publications state for their methods, and how ours differ from it."""
