@@ -12,8 +12,8 @@ import numpy as np
 from harness.core.arrays import Bytes, Floats, Mask
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera
+from harness.core.cameras.photography import PhotoFaults
 from harness.core.files.hashing import derive_seed
-from harness.core.photography import PhotoFaults
 from harness.geometry.images import linear_from_srgb, load_rgba, save_png, srgb_from_linear
 
 __all__ = ["calibrated", "photographed", "reprojection_px", "take_photos"]

@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from harness.core.cameras.camera import Camera
+from harness.core.cameras.photography import PhotoFaults
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.hashing import content_hash
-from harness.core.photography import PhotoFaults
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

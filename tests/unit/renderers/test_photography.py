@@ -10,9 +10,9 @@ import pytest
 
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
+from harness.core.cameras.photography import PhotoFaults
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
-from harness.core.photography import PhotoFaults
 from harness.geometry.images import load_rgba
 from renderers.capture import CaptureInputs, capture
 from renderers.photography import calibrated, photographed, reprojection_px
