@@ -29,7 +29,7 @@ def doctor(
         findings.append(finding)
         if not as_json:
             mark = "ok" if finding.usable else "MISSING" if finding.needed else "-"
-            print(f"{mark:8} {finding.kind:9} {finding.name:14} {finding.note}")
+            print(f"{mark:8} {finding.kind:9} {finding.name:18} {finding.note}")
             if not finding.usable and finding.next_step:
                 print(f"{'':33} -> {finding.next_step}")
     if as_json:

@@ -117,7 +117,7 @@ def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
         print_json([cell.to_dict() for cell in cells])
         return
     for cell in cells:
-        print(f"{cell.method.name:16} {cell.subject:10} {cell.state:7} {cell.why}")
+        print(f"{cell.method.name:18} {cell.subject:10} {cell.state:7} {cell.why}")
     waiting = sum(cell.state == "run" for cell in cells)
     print(f"{waiting} of {len(cells)} cells would run")
 

@@ -31,9 +31,9 @@ def list_methods(as_json: Json = False) -> None:
     for name, info in infos.items():
         count = "all" if info.views is None else str(len(info.views))
         given = ", ".join(privilege.label for privilege in info.privileges)
-        print(f"{name:14} {info.title:42} views {count:4} given: {given or 'pixels alone'}")
+        print(f"{name:18} {info.title:42} views {count:4} given: {given or 'pixels alone'}")
     for name, why in failures.items():
-        print(f"{name:14} cannot be used: {why}")
+        print(f"{name:18} cannot be used: {why}")
 
 
 @app.command("show")
