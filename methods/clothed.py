@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 
 from harness.core.arrays import Mask
-from harness.core.artifacts import Capture, NormalMaps, Reconstruction
+from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_path
 from harness.core.formats.mesh_files import save_mesh
@@ -29,7 +29,6 @@ from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
 from methods.body_fit import BodyFit
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
-from methods.normals.view_maps import filled_normals
 from methods.publications.published import Published
 from methods.stages import Stages, contact_sheet
 from methods.surface.clothed_body import clothed_body
@@ -241,7 +240,7 @@ class ClothedMethod:
         return Reconstruction(
             mesh=mesh,
             body=fit.body,
-            normals=tuple(map(_handed_out, maps)),
+            normals=tuple(each.to_score() for each in maps),
             details={**fit.details(), **details},
         )
 
@@ -273,20 +272,6 @@ class ClothedMethod:
         if self.settings.hands == "sheets":
             return np.zeros_like(left)
         return left & fit.hands_found[0] | right & fit.hands_found[1]
-
-
-def _handed_out(maps: ViewMaps) -> NormalMaps:
-    """A view's maps for others to measure; the body's reach as far as the estimate's."""
-    mask = maps.view.mask
-    return NormalMaps(
-        view=maps.view.index,
-        camera=maps.view.camera,
-        mask=mask,
-        front=maps.front,
-        back=maps.back,
-        body_front=filled_normals(maps.body_front, mask),
-        body_back=filled_normals(maps.body_back, mask),
-    )
 
 
 def _keep(context: Context, stages: Stages) -> None:

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 
 from harness.core.arrays import Bytes
-from harness.core.artifacts import Body, Capture, NormalMaps, Reconstruction
+from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
@@ -30,7 +30,6 @@ from harness.geometry.raycast import Raycaster
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
-from methods.normals.view_maps import filled_normals
 from methods.nview.fusion import Fused, fused_surface
 from methods.nview.settings import FusionSettings
 from methods.nview.start import clothed, start_surface
@@ -144,7 +143,7 @@ class FusedMethod:
         return Reconstruction(
             mesh=fused.mesh,
             body=person.body,
-            normals=tuple(map(_handed_out, shown)) if person.body else (),
+            normals=tuple(each.to_score() for each in shown) if person.body else (),
             details={**person.details, **_details(fused)},
         )
 
@@ -197,20 +196,6 @@ def _targets(maps: ViewMaps) -> NormalTargets:
     camera = maps.view.camera
     to_world = OPENCV_TO_BLENDER_CAMERA[:3, :3] @ camera.rotation
     return NormalTargets(camera, (maps.front @ to_world).astype(np.float32))
-
-
-def _handed_out(maps: ViewMaps) -> NormalMaps:
-    """A view's maps for others to measure; the body's reach as far as the estimate's."""
-    mask = maps.view.mask
-    return NormalMaps(
-        view=maps.view.index,
-        camera=maps.view.camera,
-        mask=mask,
-        front=maps.front,
-        back=maps.back,
-        body_front=filled_normals(maps.body_front, mask),
-        body_back=filled_normals(maps.body_back, mask),
-    )
 
 
 def _details(fused: Fused) -> dict[str, object]:

@@ -17,7 +17,7 @@ from methods.stereo.kernels import device_array, launch
 from methods.stereo.kernels.band import Pair, Patches, band_search
 from methods.stereo.membrane import Neighbourhood
 from methods.stereo.patchmatch import window_weights
-from methods.stereo.pull import RoundReport
+from methods.stereo.pull import RoundReport, round_report
 from methods.stereo.settings import NarrowSettings
 from methods.stereo.views import OUTSIDE, Contrast
 
@@ -80,13 +80,7 @@ def narrowed(
         known = known * _with_neighbours(offsets, known, around)
     motion = around.motion(offsets, known * believed.share, settings.membrane_m)
     moved = replace(mesh, vertices=mesh.vertices + motion[:, None] * directions)
-    report = RoundReport(
-        vertices=float((known > 0).mean()),
-        believed=believed.overall,
-        error_m=believed.error_m,
-        moved_m=float(np.sqrt((motion**2).mean())),
-    )
-    return moved, report
+    return moved, round_report(known, believed, motion)
 
 
 def _asked(

@@ -20,7 +20,7 @@ from methods.stereo.evidence import Agreement, agreement
 from methods.stereo.membrane import Neighbourhood
 from methods.stereo.settings import PullRound
 
-__all__ = ["Pulled", "Remesh", "RoundReport", "pull"]
+__all__ = ["Pulled", "Remesh", "RoundReport", "pull", "round_report"]
 
 #: A new mesh of a closed surface with edges of about so many metres.
 Remesh = Callable[[Mesh, float], Mesh]
@@ -51,6 +51,16 @@ class RoundReport:
     believed: float
     error_m: float
     moved_m: float
+
+
+def round_report(known: Floats, agreed: Agreement, motion: Floats) -> RoundReport:
+    """What a round did that moved vertices (V,) by ``motion`` where ``known`` is above zero."""
+    return RoundReport(
+        vertices=float((known > 0).mean()),
+        believed=agreed.overall,
+        error_m=agreed.error_m,
+        moved_m=float(np.sqrt((motion**2).mean())),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,13 +112,7 @@ def _round(mesh: Mesh, points: StereoPoints, settings: PullRound) -> tuple[Mesh,
     believed = _held_out(contacts, count, around)
     motion = around.motion(offsets, known * believed.share, settings.membrane_m)
     moved = replace(mesh, vertices=mesh.vertices + motion[:, None] * directions)
-    report = RoundReport(
-        vertices=float((known > 0).mean()),
-        believed=believed.overall,
-        error_m=believed.error_m,
-        moved_m=float(np.sqrt((motion**2).mean())),
-    )
-    return moved, report
+    return moved, round_report(known, believed, motion)
 
 
 def _contacts(
