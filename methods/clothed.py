@@ -29,6 +29,7 @@ from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
 from methods.body_fit import BodyFit
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
+from methods.normals.result_maps import result_maps
 from methods.publications.published import Published
 from methods.stages import Stages, contact_sheet
 from methods.surface.clothed_body import clothed_body
@@ -240,7 +241,7 @@ class ClothedMethod:
         return Reconstruction(
             mesh=mesh,
             body=fit.body,
-            normals=tuple(each.to_score() for each in maps),
+            normals=tuple(map(result_maps, maps)),
             details={**fit.details(), **details},
         )
 

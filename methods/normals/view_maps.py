@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from harness.core.artifacts import NormalMaps
 from harness.core.errors import MethodError
 from harness.core.protocols import NormalEstimator
 from harness.geometry.raycast import Raycaster
@@ -44,19 +43,6 @@ class ViewMaps:
         """The same normals with the depth of another body, such as one in its clothes."""
         near, far = (shape.cast(self.view.camera, side).depth for side in ("near", "far"))
         return replace(self, body_near_m=near, body_far_m=far)
-
-    def to_score(self) -> NormalMaps:
-        """The maps as results hold them; the body's reach as far as the estimate's."""
-        mask = self.view.mask
-        return NormalMaps(
-            view=self.view.index,
-            camera=self.view.camera,
-            mask=mask,
-            front=self.front,
-            back=self.back,
-            body_front=filled_normals(self.body_front, mask),
-            body_back=filled_normals(self.body_back, mask),
-        )
 
 
 def view_maps(view: WorkingView, body: Raycaster, estimator: NormalEstimator) -> ViewMaps:

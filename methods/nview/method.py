@@ -30,6 +30,7 @@ from harness.geometry.raycast import Raycaster
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
+from methods.normals.result_maps import result_maps
 from methods.nview.fusion import Fused, fused_surface
 from methods.nview.settings import FusionSettings
 from methods.nview.start import clothed, start_surface
@@ -143,7 +144,7 @@ class FusedMethod:
         return Reconstruction(
             mesh=fused.mesh,
             body=person.body,
-            normals=tuple(each.to_score() for each in shown) if person.body else (),
+            normals=tuple(map(result_maps, shown)) if person.body else (),
             details={**person.details, **_details(fused)},
         )
 

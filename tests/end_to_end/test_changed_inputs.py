@@ -93,7 +93,7 @@ def test_another_workspace_renders_between_plan_and_work(world, other, monkeypat
     assert "planned again: changed since it was planned: photos" in told[0]
     assert (outcome.record.key, outcome.record.metrics) == (calm.record.key, calm.record.metrics)
     capture = json.loads((world / "captures/toy/t1/tiny/capture.json").read_text())
-    assert outcome.record.capture["key"] == capture["key"] == outcome.record.inputs["photos"]
+    assert outcome.record.capture.key == capture["key"] == outcome.record.inputs["photos"]
 
 
 def test_two_workspaces_that_never_agree_give_no_record_under_a_wrong_key(

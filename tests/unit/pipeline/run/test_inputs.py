@@ -51,7 +51,7 @@ def test_scoring_of_bodies_and_normals_counts_where_it_is_used(name: str) -> Non
     module = METHODS.module(name)
 
     assert ("harness.pipeline.scoring.bodies" in found) == (module not in (HULL, "methods.gt"))
-    clothed = module in ("methods.econ", "methods.mexecon")
+    clothed = module in ("methods.econ", "methods.mexecon", "methods.nview.method")
     assert ("harness.pipeline.scoring.normals" in found) == clothed
     assert "harness.pipeline.inputs.oracle_normals" not in found
 
