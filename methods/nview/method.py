@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
-from harness.core.arrays import Bytes
 from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.formats.mesh_files import save_mesh
@@ -183,14 +182,9 @@ def _outline_views(capture: Capture) -> list[FusionView]:
             index,
             camera,
             open_photo(capture, index).coverage,
-            photo=functools.partial(_photo, capture, index),
         )
         for index, camera in enumerate(capture.cameras)
     ]
-
-
-def _photo(capture: Capture, index: int) -> Bytes:
-    return open_photo(capture, index).rgba[..., :3]
 
 
 def _targets(maps: ViewMaps) -> NormalTargets:

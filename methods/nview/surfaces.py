@@ -11,6 +11,7 @@ import numpy as np
 from harness.core.arrays import AnyInts, Floats, Ints
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
+from harness.geometry.topology import edges_of
 
 __all__ = ["Surface", "lengths", "smoothed_along", "unit", "vertex_sums"]
 
@@ -125,14 +126,12 @@ class Neighbours:
         from scipy.sparse import csr_array
 
         count = len(mesh.vertices)
-        corners = mesh.faces.astype(np.int64)
-        start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-        low, high = np.minimum(start, end), np.maximum(start, end)
-        low, high = np.divmod(np.unique(low * count + high), count)
+        edges = edges_of(mesh.faces).ends
+        low, high = edges.T
         rows, columns = np.concatenate([low, high]), np.concatenate([high, low])
         degree = np.bincount(rows, minlength=count)
         averaging = csr_array((1.0 / degree[rows], (rows, columns)), shape=(count, count))
-        return cls(np.stack([low, high], axis=1), averaging)
+        return cls(edges, averaging)
 
     def means(self, values: Floats) -> Floats:
         """(V, ...) means of the values (V, ...) of each vertex' neighbours."""

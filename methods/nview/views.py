@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.core.arrays import Bytes, Floats, Singles
+from harness.core.arrays import Floats, Singles
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from methods.nview.outlines import SignedOutline, signed_outline
@@ -60,15 +60,12 @@ class FusionView:
         outline: Of the subject, in pixels of the photo.
         targets: The normals that the surface should have where this view sees it; None for a view
             that gives its outline alone.
-        photo: Reads the (H, W, 3) uint8 sRGB photo when it is asked for, so that memory does not
-            grow with the number of views; None where photos are not compared.
     """
 
     index: int
     camera: Camera
     outline: SignedOutline
     targets: NormalTargets | None = None
-    photo: Callable[[], Bytes] | None = None
 
     def with_targets(self, targets: NormalTargets) -> FusionView:
         """The same view with other normals."""
@@ -80,7 +77,6 @@ def fusion_view(
     camera: Camera,
     coverage: Floats,
     targets: NormalTargets | None = None,
-    photo: Callable[[], Bytes] | None = None,
 ) -> FusionView:
     """A view from the photo's coverage (H, W), 0 to 1, and its normals.
 
@@ -91,7 +87,7 @@ def fusion_view(
         outline = signed_outline(camera, coverage)
     except MethodError as error:
         raise error.located(f"view {index}") from error
-    return FusionView(index, camera, outline, targets, photo)
+    return FusionView(index, camera, outline, targets)
 
 
 def checked_views(views: Sequence[FusionView]) -> tuple[FusionView, ...]:

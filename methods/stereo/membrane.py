@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
+from harness.geometry.topology import edges_of
 
 __all__ = ["Neighbourhood", "unit"]
 
@@ -32,19 +33,12 @@ class Neighbourhood:
 
         self.mesh = mesh
         count = len(mesh.vertices)
-        edges = self._edges()
+        edges = edges_of(mesh.faces).ends
         first, second = np.concatenate([edges, edges[:, ::-1]]).T
         adjacent = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
         degree = np.asarray(adjacent.sum(axis=1)).ravel()
         self._mean: Any = diags_array(1.0 / np.maximum(degree, 1.0)) @ adjacent
         self._stiffness: Any = diags_array(degree) - adjacent
-
-    def _edges(self) -> Ints:
-        """(E, 2) every edge once."""
-        faces = self.mesh.faces.astype(np.int64)
-        ends = np.sort(np.concatenate([faces[:, (0, 1)], faces[:, (1, 2)], faces[:, (2, 0)]]), 1)
-        keys = np.unique(ends[:, 0] * len(self.mesh.vertices) + ends[:, 1])
-        return np.stack(np.divmod(keys, len(self.mesh.vertices)), axis=1)
 
     @cached_property
     def areas_m2(self) -> Floats:
