@@ -12,11 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.formats.mesh_files import save_mesh
@@ -24,17 +20,17 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
 from harness.geometry.photo import open_photo
-from methods.body.result import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
-from methods.nview.lattices import remeshed
 from methods.nview.start import clothed, start_surface
 from methods.nview.views import FusionView, checked_views, fusion_view
+from methods.photo_pull import (
+    StereoTask,
+    hands_of,
+    pulled_to_photos,
+    stereo_parameters,
+)
 from methods.stereo.settings import KeepRules, MatchSettings, NarrowSettings, StereoSettings
-
-if TYPE_CHECKING:
-    from methods.stereo.consistency import StereoPoints
-    from methods.stereo.pull import RoundReport
 
 __all__ = ["StartSettings", "Stereo8", "stereo8"]
 
@@ -46,14 +42,11 @@ class StartSettings:
     Attributes:
         voxel_m: Edge of the start surface's mesh, metres.
         margin_m: How far the hull may stand off the body in its clothes, metres.
-        hands_m: Points so near to the fitted body's hands do not count, metres: fingers are thinner
-            than a window, and points on them are off by 6 to 9 mm in one case of ten.
         narrow: ``on``, or ``off`` to end after the points.
     """
 
     voxel_m: float = 0.006
     margin_m: float = 0.02
-    hands_m: float = 0.03
     narrow: str = "on"
 
     def __post_init__(self) -> None:
@@ -87,18 +80,17 @@ class Stereo8:
     def info(self) -> MethodInfo:
         """What the method says of itself."""
         rooms, fit = self._rooms, self._fit.info
-        own = {name: asdict(getattr(rooms, name)) for name in ("start", "match", "keep", "narrow")}
-        rounds = {
-            f"round_{number}": asdict(each)
-            for number, each in enumerate(StereoSettings().pulls, start=1)
-        }
         return MethodInfo(
             name="stereo8",
             title="Photo-consistency, 8 views",
             views=fit.views,
             parts=fit.parts,
             privileges=fit.privileges,
-            parameters={"body": rooms.body.in_use(len(self._fit.views)), **own, "pulls": rounds},
+            parameters={
+                "body": rooms.body.in_use(len(self._fit.views)),
+                "start": asdict(rooms.start),
+                **stereo_parameters(self._settings()),
+            },
         )
 
     def configured(self, parameters: Mapping[str, str]) -> Stereo8:
@@ -115,36 +107,18 @@ class Stereo8:
             MethodError: no person found, or silhouettes that contradict each other.
             MissingPart: the body model or MediaPipe is not installed.
         """
-        # Not at the top: Warp takes a second to start, and the method is listed without it.
-        from methods.stereo.pull import pull
-        from methods.stereo.surface import finished, stereo_points
-        from methods.stereo.views import stereo_view
-
-        settings = self._settings()
         indices = [view for view in self._fit.views if view < len(capture.cameras)]
         fitted = self._fit.fit(capture, context)
         with context.stage("start"):
             start = self._start(capture, indices, fitted.skin)
-        with context.stage("points"):
-            views = [
-                stereo_view(capture.cameras[view], open_photo(capture, view).rgba)
-                for view in indices
-            ]
-            points = stereo_points(views, start, settings)
-            points = points.chosen(self._away_from_hands(points, fitted))
-        with context.stage("pull"):
-            pulled = pull(start, points, settings.pulls, remeshed)
-        mesh, rounds = pulled.mesh, list(pulled.rounds)
-        if self._rooms.start.narrow == "on":
-            with context.stage("narrow"):
-                finish = finished(mesh, views, settings)
-                mesh = finish.mesh
-                rounds += finish.rounds
+        narrow = self._rooms.start.narrow == "on"
+        task = StereoTask(indices, hands_of(fitted), self._settings(), narrow)
+        pulled = pulled_to_photos(start, capture, task, context)
         if context.keep:
             save_mesh(context.workdir / "start.ply", start)
-            save_mesh(context.workdir / "pulled.ply", pulled.mesh)
-        details = {**fitted.details(), **_details(points, rounds)}
-        return Reconstruction(mesh=mesh, body=fitted.body, details=details)
+            save_mesh(context.workdir / "pulled.ply", pulled.before_narrow)
+        details = {**fitted.details(), **pulled.details()}
+        return Reconstruction(mesh=pulled.mesh, body=fitted.body, details=details)
 
     def _settings(self) -> StereoSettings:
         rooms = self._rooms
@@ -155,40 +129,10 @@ class Stereo8:
         own = self._rooms.start
         return start_surface(views, own.voxel_m, clothed(skin, views), own.margin_m)
 
-    def _away_from_hands(self, points: StereoPoints, fitted: BodyFitResult) -> np.ndarray:
-        """(N,) whether points are not on the fitted body's hands."""
-        hands = fitted.body.vertices[fitted.regions["left_hand"] | fitted.regions["right_hand"]]
-        return _distance_m(points.positions, hands) > self._rooms.start.hands_m
-
 
 def _outline(capture: Capture, view: int) -> FusionView:
     camera = capture.cameras[view]
     return fusion_view(view, camera, open_photo(capture, view).coverage)
-
-
-def _distance_m(points: Floats, others: Floats) -> Floats:
-    """(N,) distance of points to the nearest of others."""
-    from scipy.spatial import KDTree
-
-    if len(points) == 0 or len(others) == 0:
-        return np.full(len(points), np.inf)
-    return np.asarray(KDTree(others).query(points)[0])
-
-
-def _details(points: StereoPoints, rounds: Sequence[RoundReport]) -> dict[str, object]:
-    """What a reader of the record should know."""
-    return {
-        "points": len(points),
-        "rounds": [
-            {
-                "vertices_share": round(each.vertices, 3),
-                "believed_share": round(each.believed, 3),
-                "error_mm": round(1e3 * each.error_m, 3) if np.isfinite(each.error_m) else None,
-                "moved_mm": round(1e3 * each.moved_m, 3),
-            }
-            for each in rounds
-        ],
-    }
 
 
 stereo8 = Stereo8()

@@ -19,7 +19,7 @@ from methods.nview.targets import FusedTargets, check_not_flipped, fused_targets
 from methods.nview.views import FusionView
 from methods.surface.fusion import one_piece
 
-__all__ = ["Fused", "RoundReport", "fused_surface", "moved_once"]
+__all__ = ["Fused", "RoundReport", "finished_surface", "fused_surface", "moved_once"]
 
 #: The surface rests where its vertices move by less than this in a round, millimetres, by root mean
 #: square: a fiftieth of an edge.
@@ -75,6 +75,16 @@ class Fused:
     mesh: Mesh
     rounds: tuple[RoundReport, ...]
 
+    def details(self) -> dict[str, object]:
+        """Plain JSON values for a record's reader."""
+        return {
+            "rounds": len(self.rounds),
+            "angle_to_targets_deg": [round(report.angle_deg, 2) for report in self.rounds],
+            "moved_mm": [round(report.moved_mm, 3) for report in self.rounds],
+            "contradicted_share": [round(report.contradicted, 4) for report in self.rounds],
+            "believed_share": [round(report.believed, 3) for report in self.rounds],
+        }
+
 
 def fused_surface(start: Mesh, views: Sequence[FusionView], settings: FusionSettings) -> Fused:
     """The surface that the views' normals and outlines agree on.
@@ -98,11 +108,17 @@ def fused_surface(start: Mesh, views: Sequence[FusionView], settings: FusionSett
             surface = Surface(remeshed(surface.mesh, step_m))
         elif report.moved_mm < _REST_MM and number >= settings.deflation_rounds:
             break
-    return Fused(_finished(surface.mesh, views, settings), tuple(reports))
+    return Fused(finished_surface(surface.mesh, views, settings), tuple(reports))
 
 
-def _finished(mesh: Mesh, views: Sequence[FusionView], settings: FusionSettings) -> Mesh:
-    """The surface made anew: closed, free of crossings, inside all outlines."""
+def finished_surface(mesh: Mesh, views: Sequence[FusionView], settings: FusionSettings) -> Mesh:
+    """The surface made anew: closed, free of crossings, inside all outlines.
+
+    Args:
+        mesh: World metres; it may run through itself.
+        views: All of them; they cut, unless outlines are off.
+        settings: Of the fusion.
+    """
     if settings.outlines == "off":
         return one_piece(remeshed(mesh, settings.fine_m))
     outlines = [view.outline for view in views]

@@ -3,7 +3,8 @@
 The paper fits its body to all views and then makes its surface from two of them, and names fusion
 of all as future work. This is ours: a body fitted as ``jmbo8+``, normals of both sides' network in
 every view, and a surface that starts near the clothed body and is moved, round by round, to all
-normal maps and all outlines at once.
+normal maps and all outlines at once. It ends where neighbouring photos agree that it is, as far as
+they do.
 
 Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 """
@@ -12,10 +13,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Body, Capture, Reconstruction
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.formats.mesh_files import save_mesh
@@ -30,7 +32,7 @@ from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
-from methods.nview.fusion import Fused, fused_surface
+from methods.nview.fusion import finished_surface, fused_surface
 from methods.nview.settings import FusionSettings
 from methods.nview.start import clothed, start_surface
 from methods.nview.views import (
@@ -40,9 +42,23 @@ from methods.nview.views import (
     checked_views,
     fusion_view,
 )
+from methods.photo_pull import (
+    PulledSurface,
+    StereoTask,
+    hands_of,
+    pulled_to_photos,
+    stereo_parameters,
+)
 from methods.stages import Stages, contact_sheet
+from methods.stereo.settings import (
+    KeepRules,
+    MatchSettings,
+    NarrowSettings,
+    StereoSettings,
+    near_settings,
+)
 
-__all__ = ["FusedMethod", "mexecon_plus"]
+__all__ = ["FusedMethod", "FusedRooms", "mexecon_plus"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +68,39 @@ class _Person:
     Attributes:
         shape: What the estimator is shown: the fitted body, or the visual hull.
         body: The fitted body, if one was.
+        hands: (N, 3) vertices of the fitted body's hands, world metres.
         details: Of the fit, for the record.
     """
 
     shape: Mesh
     body: Body | None
+    hands: Floats
     details: Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class FusedRooms:
+    """All settings of the method, by room.
+
+    Attributes:
+        body: How the body is fitted.
+        nview: How normals are estimated and the surface is made of them.
+        match: How photos are matched around that surface, which is as often inside as outside.
+        keep: Which points of it are kept.
+        narrow: The search that finishes.
+    """
+
+    body: FitSettings = JMBO_PLUS
+    nview: FusionSettings = field(default_factory=FusionSettings)
+    match: MatchSettings = field(default_factory=lambda: near_settings().match)
+    keep: KeepRules = field(default_factory=KeepRules)
+    narrow: NarrowSettings = field(default_factory=NarrowSettings)
+
+    @property
+    def stereo(self) -> StereoSettings:
+        """Those of photo-consistency."""
+        near = near_settings()
+        return replace(near, match=self.match, keep=self.keep, narrow=self.narrow)
 
 
 class FusedMethod:
@@ -65,14 +108,15 @@ class FusedMethod:
 
     Args:
         names: Its name on the command line and its title in tables.
-        fit: How the body is fitted.
-        settings: How normals are estimated and the surface is made.
+        rooms: Its settings.
     """
 
-    def __init__(self, names: tuple[str, str], fit: FitSettings, settings: FusionSettings) -> None:
-        self.settings = settings
+    def __init__(self, names: tuple[str, str], rooms: FusedRooms | None = None) -> None:
+        self._rooms = rooms or FusedRooms()
+        self.settings = self._rooms.nview
         self._names = names
-        self._fit = BodyFit(f"{names[0]}-body", "JMBO+, all views", tuple(range(MOST_VIEWS)), fit)
+        views = tuple(range(MOST_VIEWS))
+        self._fit = BodyFit(f"{names[0]}-body", "JMBO+, all views", views, self._rooms.body)
 
     @functools.cached_property
     def info(self) -> MethodInfo:
@@ -98,7 +142,11 @@ class FusedMethod:
             title=self._names[1],
             parts=tuple(dict.fromkeys(parts)),
             privileges=tuple(dict.fromkeys(privileges)),
-            parameters={**body, "nview": own},
+            parameters={
+                **body,
+                "nview": own,
+                **(stereo_parameters(self._rooms.stereo) if self.settings.photos == "on" else {}),
+            },
         )
 
     def configured(self, parameters: Mapping[str, str]) -> FusedMethod:
@@ -109,14 +157,11 @@ class FusedMethod:
         texts = {
             "nview.body" if name == "body" else name: text for name, text in parameters.items()
         }
-        rooms = {"body": FitSettings, "nview": FusionSettings}
-        names = {room: [field.name for field in fields(kind)] for room, kind in rooms.items()}
+        rooms = {each.name: getattr(self._rooms, each.name) for each in fields(FusedRooms)}
+        names = {name: [each.name for each in fields(room)] for name, room in rooms.items()}
         own = by_room(texts, names)
-        return FusedMethod(
-            self._names,
-            overridden(self._fit.settings, own["body"]),
-            overridden(self.settings, own["nview"]),
-        )
+        chosen = {name: overridden(room, own[name]) for name, room in rooms.items()}
+        return FusedMethod(self._names, FusedRooms(**chosen))
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The clothed mesh, closed and in one piece, and the body within it, world metres.
@@ -137,23 +182,36 @@ class FusedMethod:
             start = start_surface(views, settings.voxel_m, near, settings.margin_m)
         with context.stage("rounds"):
             fused = fused_surface(start, views, settings)
+        mesh, details = fused.mesh, {**person.details, "fusion": fused.details()}
+        if settings.photos == "on":
+            pulled = self._pulled(fused.mesh, capture, person, context)
+            with context.stage("finish"):
+                mesh = finished_surface(pulled.mesh, views, settings)
+            details["photos"] = pulled.details()
         if context.keep:
             with context.stage("pictures"):
-                _keep(context, shown, person.shape, start, fused.mesh)
+                _keep(context, shown, person.shape, (start, fused.mesh), mesh)
         return Reconstruction(
-            mesh=fused.mesh,
+            mesh=mesh,
             body=person.body,
             normals=tuple(map(result_maps, shown)) if person.body else (),
-            details={**person.details, **_details(fused)},
+            details=details,
         )
+
+    def _pulled(
+        self, mesh: Mesh, capture: Capture, person: _Person, context: Context
+    ) -> PulledSurface:
+        indices = range(len(capture.cameras))
+        task = StereoTask(indices, person.hands, self._rooms.stereo)
+        return pulled_to_photos(mesh, capture, task, context)
 
     def _person(self, capture: Capture, views: Sequence[FusionView], context: Context) -> _Person:
         if self.settings.body == "on":
             fit = self._fit.fit(capture, context)
-            return _Person(fit.skin, fit.body, fit.details())
+            return _Person(fit.skin, fit.body, hands_of(fit), fit.details())
         with context.stage("hull"):
             hull = start_surface(views, self.settings.voxel_m, None, self.settings.margin_m)
-        return _Person(hull, None, {})
+        return _Person(hull, None, np.zeros((0, 3)), {})
 
     def _with_normals(
         self, capture: Capture, views: Sequence[FusionView], shape: Mesh, context: Context
@@ -193,25 +251,18 @@ def _targets(maps: ViewMaps) -> NormalTargets:
     return NormalTargets(camera, (maps.front @ to_world).astype(np.float32))
 
 
-def _details(fused: Fused) -> dict[str, object]:
-    """What a reader of the record should know of the fusion."""
-    return {
-        "rounds": len(fused.rounds),
-        "angle_to_targets_deg": [round(report.angle_deg, 2) for report in fused.rounds],
-        "moved_mm": [round(report.moved_mm, 3) for report in fused.rounds],
-        "contradicted_share": [round(report.contradicted, 4) for report in fused.rounds],
-        "believed_share": [round(report.believed, 3) for report in fused.rounds],
-    }
-
-
 def _keep(
-    context: Context, shown: Sequence[ViewMaps], shape: Mesh, start: Mesh, mesh: Mesh
+    context: Context,
+    shown: Sequence[ViewMaps],
+    shape: Mesh,
+    between: tuple[Mesh, Mesh],
+    mesh: Mesh,
 ) -> None:
-    """Write the stages into the workdir."""
+    """Write the stages into the workdir; ``between`` are the start and the fused surface."""
     folder = context.workdir
-    save_png(folder / "contact_sheet.png", contact_sheet(Stages(shown, [start], shape, mesh)))
-    save_mesh(folder / "body.ply", shape)
-    save_mesh(folder / "start.ply", start)
+    save_png(folder / "contact_sheet.png", contact_sheet(Stages(shown, between, shape, mesh)))
+    for name, each in zip(("body", "start", "fused"), (shape, *between), strict=True):
+        save_mesh(folder / f"{name}.ply", each)
 
 
-mexecon_plus = FusedMethod(("mexecon+", "MExECON+, N views"), JMBO_PLUS, FusionSettings())
+mexecon_plus = FusedMethod(("mexecon+", "MExECON+, N views"))

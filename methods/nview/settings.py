@@ -28,6 +28,7 @@ class FusionSettings:
         body: ``on``, or ``off``: no body is fitted, and the surface starts from the visual hull.
         start: ``body``, the hull near the clothed body, or ``hull``.
         outlines: ``on``, or ``off``: the surface is not drawn to the outlines after the start.
+        photos: ``on``, or ``off``: the surface does not follow what neighbouring photos agree on.
         rounds: Most rounds of moving the surface; it ends earlier where it rests.
         voxel_m: Step of the lattice on which the surface is made anew, and about the length of its
             edges, metres.
@@ -60,6 +61,7 @@ class FusionSettings:
     body: str = "on"
     start: str = "body"
     outlines: str = "on"
+    photos: str = "on"
     rounds: int = 11
     voxel_m: float = 0.006
     fine_share: float = 0.75
@@ -84,6 +86,7 @@ class FusionSettings:
         check_choice("body", self.body, ("on", "off"))
         check_choice("start", self.start, ("body", "hull"))
         check_choice("outlines", self.outlines, ("on", "off"))
+        check_choice("photos", self.photos, ("on", "off"))
         for name, low, high, unit in (
             ("resolution", 64, 4096, "pixels"),
             ("rounds", 0, 100, "rounds"),

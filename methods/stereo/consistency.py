@@ -46,6 +46,15 @@ class StereoPoints:
             self.positions[keep], self.normals[keep], self.score[keep], self.view[keep]
         )
 
+    def away_from(self, places: Floats, least_m: float) -> StereoPoints:
+        """Those that are further than ``least_m`` from all places (M, 3), world metres."""
+        from scipy.spatial import KDTree
+
+        if len(self) == 0 or len(places) == 0:
+            return self
+        distance, _ = KDTree(places).query(self.positions)
+        return self.chosen(np.asarray(distance) > least_m)
+
 
 def consistent_points(
     maps: Mapping[int, DepthMap], rules: KeepRules, pixel_m: float

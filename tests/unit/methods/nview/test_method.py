@@ -15,6 +15,7 @@ from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
 from methods.nview.method import mexecon_plus
+from tests.unit.methods.stereo.conftest import grain, picture
 
 SMALL = {"nview.voxel_m": "0.016", "nview.resolution": "160"}
 
@@ -40,7 +41,7 @@ def context(folder, mesh=None) -> Context:
 def test_it_takes_all_views_and_names_its_parts():
     info = mexecon_plus.info
     assert info.views is None
-    assert set(info.parameters) == {"body", "nview"}
+    assert set(info.parameters) == {"body", "nview", "match", "keep", "narrow", "pulls"}
     assert [part.role for part in info.parts] == ["body model", "landmarks", "normal estimator"]
     assert info.deviations == ()
 
@@ -49,6 +50,8 @@ def test_without_a_body_nothing_of_it_is_named():
     info = mexecon_plus.configured({"body": "off"}).info
     assert info.parameters["nview"]["body"] == "off"
     assert "body" not in info.parameters
+    alone = mexecon_plus.configured({"nview.photos": "off"}).info
+    assert set(alone.parameters) == {"body", "nview"}
     assert [part.role for part in info.parts] == ["normal estimator"]
     # The shipped network was trained on avatars of the same generator.
     assert Privilege.GENERATOR_PRIOR in info.privileges
@@ -75,7 +78,10 @@ def test_from_files_to_a_surface_without_a_body(ball, ring, tmp_path):
     assert np.abs(np.linalg.norm(found.mesh.vertices, axis=1) - 0.2).mean() < 0.001
     assert found.body is None
     assert found.normals == ()
-    assert len(found.details["moved_mm"]) == found.details["rounds"]
+    fusion = found.details["fusion"]
+    assert len(fusion["moved_mm"]) == fusion["rounds"]
+    # Plain grey shows nothing that photos could agree on.
+    assert found.details["photos"]["points"] == 0
 
 
 def test_outlines_alone(ball, ring, tmp_path):
@@ -84,6 +90,26 @@ def test_outlines_alone(ball, ring, tmp_path):
     mesh = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path)).mesh
     assert open_edges(mesh) == 0
     assert mesh.signed_volume == pytest.approx(4 / 3 * np.pi * 0.2**3, rel=0.15)
+
+
+@pytest.mark.slow
+def test_photos_find_what_outlines_leave(ball, ring, tmp_path):
+    """The hull of six views stands off a sphere by up to 3 cm; its texture shows where it is."""
+    settings = {"body": "off", "nview.normals": "off", "nview.rounds": "0", **SMALL}
+    cameras, caster, rng = ring(6), Raycaster(ball), np.random.default_rng(0)
+    for view, camera in enumerate(cameras):
+        save_png(tmp_path / image_name(view), picture(caster, camera, grain, 0.0, rng))
+    capture = Capture("toy", "s", "r", "k", tmp_path, tuple(cameras))
+
+    def off_mm(photos: str) -> float:
+        method = mexecon_plus.configured({**settings, "nview.photos": photos})
+        points = method.reconstruct(capture, context(tmp_path)).mesh.vertices
+        beside = points[np.abs(points[:, 1]) < 0.1]
+        return 1000 * float(np.abs(np.linalg.norm(beside, axis=1) - 0.2).mean())
+
+    without, following = off_mm("off"), off_mm("on")
+    assert without > 3.0
+    assert following < 0.8
 
 
 def test_two_views_end_in_a_sentence(ball, ring, tmp_path):

@@ -1,0 +1,126 @@
+"""A closed surface pulled to what neighbouring photos agree on, for the methods that do so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harness.core.arrays import Floats
+from harness.core.artifacts import Capture
+from harness.core.mesh import Mesh
+from harness.core.protocols import Context
+from harness.geometry.photo import open_photo
+from methods.body.result import BodyFitResult
+from methods.nview.lattices import remeshed
+from methods.stereo.settings import StereoSettings
+
+if TYPE_CHECKING:
+    from methods.stereo.pull import RoundReport
+
+__all__ = ["PulledSurface", "StereoTask", "hands_of", "pulled_to_photos", "stereo_parameters"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoTask:
+    """What is asked of the photos.
+
+    Attributes:
+        views: Indices of the photos that are used.
+        hands: (N, 3) places, world metres, near which points do not count: fingers are thinner than
+            a window.
+        settings: How points are found, kept and followed.
+        narrow: Whether a short search in full resolution finishes the surface.
+    """
+
+    views: Sequence[int]
+    hands: Floats
+    settings: StereoSettings
+    narrow: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PulledSurface:
+    """A surface that follows the photos as far as they agree.
+
+    Attributes:
+        mesh: The result, world metres.
+        before_narrow: The surface when it follows the points alone.
+        points: How many points the photos agree on.
+        rounds: What each round did.
+    """
+
+    mesh: Mesh
+    before_narrow: Mesh
+    points: int
+    rounds: tuple[RoundReport, ...]
+
+    def details(self) -> dict[str, object]:
+        """Plain JSON values for a record's reader."""
+        return {
+            "points": self.points,
+            "rounds": [
+                {
+                    "vertices_share": round(each.vertices, 3),
+                    "believed_share": round(each.believed, 3),
+                    "error_mm": round(1e3 * each.error_m, 3) if np.isfinite(each.error_m) else None,
+                    "moved_mm": round(1e3 * each.moved_m, 3),
+                }
+                for each in self.rounds
+            ],
+        }
+
+
+def hands_of(fitted: BodyFitResult) -> Floats:
+    """(N, 3) vertices of the fitted body's hands, world metres."""
+    return fitted.body.vertices[fitted.regions["left_hand"] | fitted.regions["right_hand"]]
+
+
+def pulled_to_photos(
+    start: Mesh, capture: Capture, task: StereoTask, context: Context
+) -> PulledSurface:
+    """The start surface, moved to the points that the photos of a capture agree on.
+
+    Args:
+        start: Closed, facing outwards, within the settings' search range of the subject.
+        capture: With the photos.
+        task: Which photos, and how.
+        context: Times the steps.
+
+    Raises:
+        MethodError: a photo that does not fit its camera or shows nothing of the subject.
+    """
+    # Not at the top: Warp takes a second to start, and methods are listed without it.
+    from methods.stereo.pull import pull
+    from methods.stereo.surface import finished, stereo_points
+    from methods.stereo.views import stereo_view
+
+    settings = task.settings
+    with context.stage("points"):
+        views = [
+            stereo_view(capture.cameras[view], open_photo(capture, view).rgba)
+            for view in task.views
+        ]
+        points = stereo_points(views, start, settings)
+        points = points.away_from(task.hands, settings.keep.hands_m)
+    with context.stage("pull"):
+        pulled = pull(start, points, settings.pulls, remeshed)
+    mesh, rounds = pulled.mesh, pulled.rounds
+    if task.narrow:
+        with context.stage("narrow"):
+            finish = finished(mesh, views, settings)
+            mesh, rounds = finish.mesh, (*rounds, *finish.rounds)
+    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds))
+
+
+def stereo_parameters(settings: StereoSettings) -> dict[str, dict[str, object]]:
+    """The settings by room, as methods state them: ``match``, ``keep``, ``narrow``, ``pulls``."""
+    rooms: dict[str, dict[str, object]] = {
+        name: asdict(getattr(settings, name)) for name in ("match", "keep", "narrow")
+    }
+    rounds: dict[str, object] = {
+        f"round_{number}": asdict(each) for number, each in enumerate(settings.pulls, start=1)
+    }
+    return {**rooms, "pulls": rounds}
