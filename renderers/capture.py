@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -85,6 +86,7 @@ def capture(
     recipe: RenderRecipe,
     directory: Path,
     progress: StepReport = silent,
+    exact: Capture | None = None,
 ) -> Capture:
     """Photograph a scan into ``directory``, which is replaced as a whole on success.
 
@@ -94,6 +96,8 @@ def capture(
         recipe: Cameras, light and quality.
         directory: Receives ``capture.json``, ``transforms.json`` and ``rgb/``.
         progress: Called after every view.
+        exact: Current photos of the same scan whose recipe ``is_exact_of`` this one. A camera's
+            faults are laid over copies of their pictures, which spares the same rendering.
 
     Raises:
         DataError: no texture, an image that cannot be read, or a file that cannot be written.
@@ -103,12 +107,15 @@ def capture(
     texture_of(mesh)
     # Taken before the work, so that code that changes meanwhile makes the pictures stale.
     planned = CaptureInputs.of(scan, recipe, device="")
-    renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
     cameras = recipe.cameras()
     images = [image_name(view) for view in range(len(cameras))]
     with atomic_directory(directory) as folder:
         started = time.perf_counter()
-        outcome = renderer.render(mesh, recipe, folder, progress)
+        if exact is None:
+            renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
+            outcome = renderer.render(mesh, recipe, folder, progress)
+        else:
+            outcome = _copied(exact, folder, progress)
         if recipe.photo is not None and recipe.photo.changes_pictures:
             seed = derive_seed(recipe.seed, scan.subject)
             take_photos(folder, len(cameras), recipe.photo, seed)
@@ -126,14 +133,28 @@ def capture(
             directory=directory,
             cameras=given,
             front_yaw_deg=scan.front_yaw_deg,
-            warnings=(*scan.warnings, *cut_warnings(proofs), *outcome.warnings),
+            # Copied pictures come with all their warnings.
+            warnings=tuple(
+                dict.fromkeys((*scan.warnings, *cut_warnings(proofs), *outcome.warnings))
+            ),
             provenance=_provenance(scan, inputs, outcome, proofs)
             | _calibration(mesh, cameras, given)
+            | ({} if exact is None else {"pictures_of": exact.recipe})
             | {"timings": timings, "images": {name: file_sha256(folder / name) for name in images}},
         )
         write_transforms_json(folder / "transforms.json", given, images)
         write_json(folder / "capture.json", result.to_dict())
     return result
+
+
+def _copied(exact: Capture, folder: Path, progress: StepReport) -> RenderOutcome:
+    """Copies the pictures of other photos; what their renderer reported."""
+    for view in range(len(exact.cameras)):
+        target = folder / image_name(view)
+        target.parent.mkdir(exist_ok=True)
+        shutil.copyfile(exact.image_path(view), target)
+        progress(view + 1, len(exact.cameras))
+    return RenderOutcome(str(exact.provenance["device"]), exact.warnings)
 
 
 def _given_cameras(scan: Scan, mesh: Mesh, recipe: RenderRecipe) -> tuple[Camera, ...]:

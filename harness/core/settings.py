@@ -128,6 +128,10 @@ class RenderRecipe:
         """The recipe's exact cameras, in order of view."""
         return self.rig.cameras(self.width, self.height)
 
+    def is_exact_of(self, other: RenderRecipe) -> bool:
+        """Whether its pictures are those of ``other`` before a camera's faults are laid over."""
+        return other.photo is not None and self == replace(other, name=self.name, photo=None)
+
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values; without ``photo`` where photos are exact."""
         values: dict[str, object] = asdict(self)

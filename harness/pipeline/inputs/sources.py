@@ -162,8 +162,16 @@ class Source:
             if self.capture_state(subject)[0] != "cached":
                 remove_leftovers(directory)
                 scan, mesh = self.load(subject)
-                capture(scan, mesh, self.recipe, directory, report)
+                capture(scan, mesh, self.recipe, directory, report, self._exact_photos(subject))
             return Capture.load(directory)
+
+    def _exact_photos(self, subject: str) -> Capture | None:
+        """Photos of another recipe that this one only adds a camera's faults to, if current."""
+        for recipe in self.manifest.recipes.values():
+            other = replace(self, recipe=recipe)
+            if recipe.is_exact_of(self.recipe) and other.capture_state(subject)[0] == "cached":
+                return Capture.load(other.capture_directory(subject))
+        return None
 
     def only(self, subject: str) -> Source:
         """The same source with one of its subjects."""

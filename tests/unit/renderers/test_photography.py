@@ -109,6 +109,27 @@ def test_a_capture_keeps_the_exact_cameras_in_its_proof(figure, scan, recipe, tm
     assert "exact_cameras" not in exact.provenance
 
 
+def test_a_camera_s_faults_over_copied_pictures_are_those_over_rendered_ones(
+    figure, scan, recipe, tmp_path, monkeypatch
+):
+    faulty = replace(recipe, name="camera", photo=PhotoFaults(noise=3.0, calibration_px=1.0))
+    assert recipe.is_exact_of(faulty)
+    assert not recipe.is_exact_of(recipe)
+    assert not replace(recipe, samples=1 + recipe.samples).is_exact_of(faulty)
+    exact = capture(scan, figure, recipe, tmp_path / "exact")
+    rendered = capture(scan, figure, faulty, tmp_path / "rendered")
+    monkeypatch.setattr("renderers.capture.RENDERERS.resolve", lambda _: pytest.fail("rendered"))
+    told = []
+    copied = capture(
+        scan, figure, faulty, tmp_path / "copied", lambda *views: told.append(views), exact
+    )
+    assert copied.key == rendered.key
+    assert copied.provenance["images"] == rendered.provenance["images"]
+    assert copied.provenance["pictures_of"] == recipe.name
+    assert copied.warnings == rendered.warnings
+    assert told[-1] == (len(exact.cameras), len(exact.cameras))
+
+
 def test_each_fault_is_part_of_the_key_and_exact_recipes_keep_theirs(scan, recipe):
     exact = CaptureInputs.of(scan, recipe, "CPU")
     assert "photo" not in json.dumps(exact.to_dict()["recipe"])
