@@ -59,6 +59,19 @@ def test_from_scans_to_tables(world, harness, eval_toy):
 
 
 @pytest.mark.usefixtures("photographed")
+def test_one_method_with_two_settings_fills_two_rows(world, eval_toy, harness):
+    subject = ("--subjects", "t1")
+    assert eval_toy("coarse", *subject).returncode == 0
+    coarser = eval_toy("coarse", *subject, "--set", "hull.voxel_m=0.08", "--as", "coarser")
+    assert coarser.returncode == 0, coarser.stderr
+    both = records(world)
+    assert both["coarser/t1"]["method"]["title"].endswith(", hull.voxel_m=0.08")
+    assert both["coarser/t1"]["key"] != both["coarse/t1"]["key"]
+    table = json.loads(harness("report", "--table", "paired", "--format", "json").stdout)
+    assert "coarser" in json.dumps(table)
+
+
+@pytest.mark.usefixtures("photographed")
 def test_a_second_run_does_nothing_and_a_change_says_why(world, eval_toy):
     first = eval_toy("gt", "--subjects", "t1")
     assert first.returncode == 0, first.stderr

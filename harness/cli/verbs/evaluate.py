@@ -68,6 +68,15 @@ def evaluate(
     protocol: Protocol = "mexecon",
     run: NewRun = "main",
     settings: Set = None,
+    row: Annotated[
+        str,
+        typer.Option(
+            "--as",
+            metavar="NAME",
+            help="With --set and one method: the name of its row in tables, so that several "
+            "settings of one method can be compared in one run.",
+        ),
+    ] = "",
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
     ] = 0,
@@ -95,7 +104,7 @@ def evaluate(
     place = Workspace.default(workspace)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=chosen_methods(split_names(method), parsed_settings(settings)),
+        methods=chosen_methods(split_names(method), parsed_settings(settings), row),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),
         seed=seed,
@@ -117,7 +126,7 @@ def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
         print_json([cell.to_dict() for cell in cells])
         return
     for cell in cells:
-        print(f"{cell.method.name:18} {cell.subject:10} {cell.state:7} {cell.why}")
+        print(f"{cell.method.row:18} {cell.subject:10} {cell.state:7} {cell.why}")
     waiting = sum(cell.state == "run" for cell in cells)
     print(f"{waiting} of {len(cells)} cells would run")
 

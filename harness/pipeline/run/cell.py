@@ -50,9 +50,9 @@ class Truth:
         return cls(scan, mesh, true_body(scan))
 
 
-def seed_for(root_seed: int, method: MethodInfo, subject: str) -> int:
-    """The seed of a method on a subject."""
-    return derive_seed(root_seed, method.name, subject)
+def seed_for(root_seed: int, method: str, subject: str) -> int:
+    """The seed of a method of the catalogue on a subject, whatever its settings."""
+    return derive_seed(root_seed, method, subject)
 
 
 def lent_to(method: MethodInfo, capture: Capture, truth: Mesh) -> dict[str, object]:

@@ -47,6 +47,7 @@ class CellJob:
         return {
             "source": self.source.to_dict(),
             "method": self.method.name,
+            "row": "" if self.method.row == self.method.name else self.method.row,
             "settings": dict(self.method.settings),
             "protocol": self.protocol.name,
             "seed": self.seed,
@@ -66,7 +67,7 @@ class CellJob:
         source = Source.from_dict(values["source"])
         return cls(
             source=source,
-            method=ChosenMethod.of(values["method"], values["settings"]),
+            method=ChosenMethod.of(values["method"], values["settings"], values["row"]),
             protocol=source.manifest.protocol(values["protocol"]),
             seed=values["seed"],
             inputs=Inputs.from_dict(values["inputs"]),

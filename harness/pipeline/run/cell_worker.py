@@ -117,7 +117,7 @@ class _Task:
         info = self.job.method.info
         with self._workdir() as workdir:
             context = Context(
-                seed=seed_for(self.job.seed, info, self.job.subject),
+                seed=seed_for(self.job.seed, self.job.method.name, self.job.subject),
                 workdir=workdir,
                 stage=meter.stage,
                 privileged=lent_to(info, capture, truth),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from harness.core.errors import HarnessError
+from harness.core.files.names import checked_name
 from harness.core.protocols import Configurable, Method, MethodInfo
 from methods.catalog import METHODS
 
@@ -17,23 +18,32 @@ class ChosenMethod:
     """A method that is known to be usable here.
 
     Attributes:
+        row: What its records and its rows in tables are called: its name in the catalogue, unless
+            other settings got a name of their own.
         name: Its name in the catalogue.
         settings: The settings that differ from their defaults, as text by name.
         module: Dotted name of the module in which the catalogue has it.
         method: The method itself, with these settings.
     """
 
+    row: str
     name: str
     settings: Mapping[str, str]
     module: str
     method: Method
 
     @classmethod
-    def of(cls, name: str, settings: Mapping[str, str]) -> ChosenMethod:
+    def of(cls, name: str, settings: Mapping[str, str], row: str = "") -> ChosenMethod:
         """The method of a name, with some settings changed.
 
+        Args:
+            name: In the catalogue.
+            settings: As text by name.
+            row: What its records are called, if not by its name.
+
         Raises:
-            HarnessError: an unknown method or setting, or settings for a method that has none.
+            HarnessError: an unknown method or setting, settings for a method that has none, or a
+                row that is called like another method or has no settings of its own.
             MissingPart: the method, or one of its parts, is not installed.
         """
         method: Method = METHODS.resolve(name)
@@ -45,28 +55,60 @@ class ChosenMethod:
                     hint="Leave --set out",
                 )
             method = method.configured(settings)
-        chosen = cls(name, dict(settings), METHODS.module(name), method)
+        if row:
+            _check_row(row, settings)
+        chosen = cls(row or name, name, dict(settings), METHODS.module(name), method)
         # Asking for the parts finds missing ones now, and not after photos have been made.
-        if chosen.info.name != name:
+        if method.info.name != name:
             raise HarnessError(
-                f"method '{name}' calls itself '{chosen.info.name}'",
+                f"method '{name}' calls itself '{method.info.name}'",
                 hint="Register it under its own name",
             )
         return chosen
 
     @property
     def info(self) -> MethodInfo:
-        """What the method says of itself now; its parts are files, which may change."""
-        return self.method.info
+        """What the method says of itself now, under the row's name; its parts may change."""
+        info = self.method.info
+        if self.row == self.name:
+            return info
+        changed = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
+        return replace(info, name=self.row, title=f"{info.title}, {changed}")
 
 
-def chosen_methods(names: Iterable[str], settings: Mapping[str, str]) -> tuple[ChosenMethod, ...]:
+def _check_row(row: str, settings: Mapping[str, str]) -> None:
+    checked_name("row", row)
+    if row in METHODS:
+        raise HarnessError(
+            f"a row cannot be called '{row}'",
+            expected="a name that no method has",
+            hint="Choose another name for --as",
+        )
+    if not settings:
+        raise HarnessError(
+            f"row '{row}' is a method with other settings, and none is given",
+            hint="Give --set NAME=VALUE, or leave --as out",
+        )
+
+
+def chosen_methods(
+    names: Sequence[str], settings: Mapping[str, str], row: str = ""
+) -> tuple[ChosenMethod, ...]:
     """The methods of some names, all with the same settings.
 
+    Args:
+        names: In the catalogue.
+        settings: As text by name.
+        row: What the records of the only method are called, if not by its name.
+
     Raises:
-        HarnessError: as ``ChosenMethod.of``.
+        HarnessError: several methods for one row, or as ``ChosenMethod.of``.
     """
-    return tuple(ChosenMethod.of(name, settings) for name in names)
+    if row and len(names) != 1:
+        raise HarnessError(
+            f"row '{row}' can be of one method only", got=", ".join(names), hint="Run one at a time"
+        )
+    return tuple(ChosenMethod.of(name, settings, row) for name in names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

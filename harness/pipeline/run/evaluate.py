@@ -100,7 +100,7 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     """
     source = request.source
     source.root()
-    methods = tuple(method.name for method in request.methods)
+    methods = tuple(method.row for method in request.methods)
     look = Look(
         "evaluation", source.name, source.subjects, request.reason, methods, source.recipe.name
     )
@@ -130,7 +130,7 @@ class _Run:
                 self.progress.say(f"{subject}: {warning}")
         outcomes: list[Outcome] = []
         for method in self.request.methods:
-            with self.request.store.cell(method.name, subject).locked():
+            with self.request.store.cell(method.row, subject).locked():
                 # Planned under the lock: another run may have filed the record meanwhile.
                 outcome = self._outcome(method, subject, files)
             if outcome.status != "ok":
@@ -164,7 +164,7 @@ class _Run:
             if result.status != "changed":
                 return self._filed(cell, result)
             reason = result.reason
-            self.progress.say(f"{method.name} on {subject} is planned again: {reason}")
+            self.progress.say(f"{method.row} on {subject} is planned again: {reason}")
             files = self._files(subject)
         failure = f"after {_ATTEMPTS} attempts, {reason}"
         # Which photos the last attempt saw is not known.

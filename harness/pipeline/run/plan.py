@@ -69,7 +69,7 @@ class Cell:
     def to_dict(self) -> dict[str, str]:
         """Plain JSON values for a reader of the plan."""
         return {
-            "method": self.method.name,
+            "method": self.method.row,
             "subject": self.subject,
             "key": self.key,
             "state": self.state,
@@ -111,7 +111,7 @@ class EvalRequest:
         """
         info, subject = method.info, files.capture.subject
         inputs = evaluated(info, method.module, files.capture, files.scan, self.protocol, self.seed)
-        folder = self.store.cell(method.name, subject)
+        folder = self.store.cell(method.row, subject)
         record: Record | None = None
         try:
             record = folder.record()
@@ -123,7 +123,7 @@ class EvalRequest:
 
     def waiting_cell(self, method: ChosenMethod, subject: str, why: str) -> Cell:
         """The cell of a method on a subject whose photos or scan are not there."""
-        folder = self.store.cell(method.name, subject)
+        folder = self.store.cell(method.row, subject)
         return Cell(method, subject, method.info, folder, why)
 
 

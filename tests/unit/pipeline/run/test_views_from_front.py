@@ -70,7 +70,7 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     source = Source.select(manifest, Workspace(world), "toy", (), recipe)
     filed = source.ensure_capture("t1", lambda *_: None)
     witness = Witness()
-    chosen = ChosenMethod("witness", {}, "methods.gt", witness)
+    chosen = ChosenMethod("witness", "witness", {}, "methods.gt", witness)
     monkeypatch.setattr(ChosenMethod, "of", lambda *_: chosen)
     protocol = manifest.protocol("exact")
     inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
