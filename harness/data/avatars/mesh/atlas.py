@@ -54,15 +54,18 @@ def _view_labels(normals: Floats, across: Ints) -> Ints:
     facing = normals @ _DIRECTIONS.T
     label = facing.argmax(1)
     allowed = np.where(facing > _LEAST_COSINE, 0.0, -np.inf)
+    one, two, three = across.T
     for _ in range(_SMOOTHING_ROUNDS):
-        votes = np.eye(len(_DIRECTIONS))[label][across].sum(1)
+        voice = np.eye(len(_DIRECTIONS))[label]
+        votes = voice[one] + voice[two] + voice[three]
         label = (facing + allowed + _NEIGHBOUR_WEIGHT * votes).argmax(1)
     for _ in range(_SMOOTHING_ROUNDS):
         chart = connected(label, across)
         small = np.bincount(chart)[chart] < _SMALL_CHART
         if not small.any():
             break
-        votes = (np.eye(len(_DIRECTIONS))[label][across] * ~small[across][..., None]).sum(1)
+        voice = np.eye(len(_DIRECTIONS))[label] * ~small[:, None]
+        votes = voice[one] + voice[two] + voice[three]
         score = np.where(votes > 0, 1.0, -5.0) + facing + allowed
         label = np.where(small & (votes.sum(1) > 0), score.argmax(1), label)
     return label
@@ -155,10 +158,15 @@ def rasterize(corners: Floats, size: int) -> Texels:
     number = extent[:, 0] * extent[:, 1]
     face = np.repeat(np.arange(len(corners)), number)
     local = np.arange(len(face)) - np.repeat(np.cumsum(number) - number, number)
-    column = low[face, 0] + local % extent[face, 0]
-    row = low[face, 1] + local // extent[face, 0]
+    width = np.repeat(extent[:, 0].astype(np.int32), number)
+    down, along = np.divmod(local.astype(np.int32), width)
+    column = np.repeat(low[:, 0], number) + along
+    row = np.repeat(low[:, 1], number) + down
+    x, y = column + 0.5, row + 0.5
     second, third = (
-        slope[face, 0] * (column + 0.5) + slope[face, 1] * (row + 0.5) + slope[face, 2]
+        np.repeat(slope[:, 0], number) * x
+        + np.repeat(slope[:, 1], number) * y
+        + np.repeat(slope[:, 2], number)
         for slope in _corner_weights(corners)
     )
     inside = (second >= 0) & (third >= 0) & (second + third <= 1)

@@ -88,11 +88,18 @@ def _ring(size: int, faces: Ints) -> SparseMatrix:
     return diags(1 / np.maximum(np.asarray(ring.sum(1)).ravel(), 1)) @ ring
 
 
+def _open_sides(faces: Ints) -> Ints:
+    """Directed edges (N,2) that no face goes the other way, face after face."""
+    sides = _sides(faces)
+    start, end = sides.T
+    size = int(sides.max(initial=0)) + 1
+    met = np.isin(end * size + start, start * size + end)
+    return sides[(start != end) & ~met]
+
+
 def border_loops(faces: Ints) -> list[Ints]:
     """Each closed border as the vertices along it, in the direction of its faces; longest first."""
-    sides = _sides(faces)
-    known = set(map(tuple, sides.tolist()))
-    following = {a: b for a, b in map(tuple, sides.tolist()) if a != b and (b, a) not in known}
+    following: dict[int, int] = dict(_open_sides(faces).tolist())
     loops: list[list[int]] = []
     while following:
         start, vertex = following.popitem()
