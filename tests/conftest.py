@@ -7,7 +7,7 @@ import hashlib
 import os
 import pickle
 import signal
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,6 +25,30 @@ import pytest
 # Derandomised, so that a build that was green stays green until the code changes.
 hypothesis.settings.register_profile("house", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("house")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Several processes: each file's tests run in one of them, the longest files first.
+
+    What a module makes for all its tests is then made once. Not by xdist's own groups, which have
+    no effect with pytest 9.2 (pytest-xdist issue 1386).
+    """
+    from xdist.scheduler import LoadFileScheduling
+
+    config.option.loadscopereorder = False  # as ordered below, instead of by number of tests
+    return LoadFileScheduling(config, log)
+
+
+#: Files of few tests, each of which takes long.
+LONG_TESTS = ("test_avatars_build.py", "test_killed_runs.py", "test_examples.py", "test_frames.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Among several processes, files come in the order of how long they take, roughly."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+        items.sort(key=lambda item: (item.path.name not in LONG_TESTS, -slow[item.path]))
 
 
 @pytest.fixture(scope="session")

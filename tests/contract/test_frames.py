@@ -31,9 +31,8 @@ SMALL = {
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0
 
-
-#: The figure, its photos and what methods share are worked out once, in one process.
-pytestmark = [pytest.mark.xdist_group("frames"), pytest.mark.usefixtures("shared_fits")]
+#: What methods share is worked out once.
+pytestmark = pytest.mark.usefixtures("shared_fits")
 
 
 @pytest.fixture(scope="module")

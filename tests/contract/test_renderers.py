@@ -15,9 +15,6 @@ from harness.geometry.raycast import Raycaster
 from renderers.catalog import RENDERERS
 from renderers.proof import prove, require_proof
 
-#: The first pictures of each renderer are made once, in one process.
-pytestmark = pytest.mark.xdist_group("renderers")
-
 SLOW = {"blender"}
 EVERY_RENDERER = [
     pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in RENDERERS

@@ -17,8 +17,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-#: The undisturbed runs that all are compared with are made once, in one process.
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("killed runs")]
+pytestmark = pytest.mark.slow
 
 COMMAND = [sys.executable, "-m", "harness.cli.main", "eval", "--dataset", "toy", "--recipe", "tiny",
            "--method", "coarse,gt", "--jobs", "2"]  # fmt: skip

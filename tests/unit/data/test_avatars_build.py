@@ -24,8 +24,7 @@ from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.stored import drape_key, load_drape, save_drape
 from harness.data.avatars.writer import write_avatar
 
-#: The avatar is made once, in one process.
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("avatar")]
+pytestmark = pytest.mark.slow
 
 NAME = "a01"
 

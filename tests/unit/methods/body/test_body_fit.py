@@ -22,9 +22,6 @@ from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO
 from methods.normals import NormalChoice
 
-#: The figure, its photos and what the detector sees in them are worked out once, in one process.
-pytestmark = pytest.mark.xdist_group("body fit")
-
 SKIN = np.array([0.80, 0.60, 0.48])
 
 
