@@ -168,6 +168,17 @@ def test_a_package_that_is_not_installed_has_no_version(folder: Path) -> None:
     assert found.packages == {"a_package_of_nobody": ""}
 
 
+def test_imports_lead_to_the_distributions_that_bring_them(folder: Path) -> None:
+    every = metadata.packages_distributions()
+    brought = {"PIL", "skimage", "yaml", "onnx", "_pytest"}
+    (folder / "methods/unused.py").write_text("".join(f"import {name}\n" for name in brought))
+
+    found = SourceTree.below(folder).digest(["methods.unused"])
+
+    assert set(found.packages) == {each for name in brought for each in every[name]}
+    assert {"pillow", "scikit-image", "pytest"} < {name.lower() for name in found.packages}
+
+
 def test_what_has_no_source_is_told(folder: Path) -> None:
     with pytest.raises(HarnessError, match=r"no source of the module 'methods\.absent'"):
         SourceTree.below(folder).digest(["methods.absent"])
