@@ -133,6 +133,8 @@ def write_subject() -> Callable[[Path, Mesh], None]:
 def coarse_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a package that brings the method ``coarse``."""
     folder = tmp_path_factory.mktemp("plugin")
+    # Open3D imports Dash for its plots, which no command makes: a third of a second a process.
+    (folder / "dash.py").write_text("html = dcc = Dash = None\n")
     (folder / "coarse_hull.py").write_text(COARSE)
     about = folder / "coarse_hull-1.dist-info"
     about.mkdir()
