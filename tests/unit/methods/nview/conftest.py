@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -63,9 +64,22 @@ def shape():
 
 
 @pytest.fixture(scope="session")
-def views_of():
-    """``views_of(mesh, cameras, normals=..., coverage=...)``: exact views, changed if wanted."""
-    return _views_of
+def views_of(ball):
+    """``views_of(mesh, cameras, normals=..., coverage=...)``: exact views, changed if wanted.
+
+    Those of the ball from a few cameras are made once.
+    """
+    known: dict[bytes, list[FusionView]] = {}
+
+    def views(mesh: Mesh, cameras: Sequence[Camera], **changes) -> list[FusionView]:
+        if mesh is not ball or changes or len(cameras) > 8:
+            return _views_of(mesh, cameras, **changes)
+        key = pickle.dumps(tuple(cameras))
+        if key not in known:
+            known[key] = _views_of(mesh, cameras)
+        return list(known[key])
+
+    return views
 
 
 @pytest.fixture(scope="session")

@@ -208,7 +208,7 @@ def test_any_number_of_views_will_do(count, ball, ring, views_of):
 
 @pytest.mark.slow
 def test_64_views_will_do(ball, ring, views_of):
-    views = views_of(ball, ring(64))
+    views = views_of(ball, [camera.resized(180, 240) for camera in ring(64)])
     _, mesh = fused(views)
     assert_sound(mesh, views)
     assert off_sphere_mm(mesh).mean() < 0.4
