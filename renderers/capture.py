@@ -91,22 +91,18 @@ def capture(
     """Photograph a scan into ``directory``, which is replaced as a whole on success.
 
     Args:
-        scan: The subject's scan.
-        mesh: Its surface in world metres, with texture.
+        scan, mesh: The subject's scan, and its surface in world metres with texture.
         recipe: Cameras, light and quality.
         directory: Receives ``capture.json``, ``transforms.json`` and ``rgb/``.
         progress: Called after every view.
-        exact: Current photos of the same scan whose recipe ``is_exact_of`` this one. A camera's
-            faults are laid over copies of their pictures, which spares the same rendering.
+        exact: Current photos of this scan whose recipe ``is_exact_of`` this one, to be copied.
 
     Raises:
-        DataError: no texture, an image that cannot be read, or a file that cannot be written.
-        MethodError: the renderer died, or its pictures fail the check.
-        MissingPart: the renderer is not installed.
+        DataError: no texture, or a file that cannot be read or written.
+        MethodError, MissingPart: the renderer died or is missing, or its pictures fail the check.
     """
     texture_of(mesh)
-    # Taken before the work, so that code that changes meanwhile makes the pictures stale.
-    planned = CaptureInputs.of(scan, recipe, device="")
+    planned = CaptureInputs.of(scan, recipe, device="")  # of the code before the work
     cameras = recipe.cameras()
     images = [image_name(view) for view in range(len(cameras))]
     with atomic_directory(directory) as folder:
@@ -133,7 +129,6 @@ def capture(
             directory=directory,
             cameras=given,
             front_yaw_deg=scan.front_yaw_deg,
-            # Copied pictures come with all their warnings.
             warnings=tuple(
                 dict.fromkeys((*scan.warnings, *cut_warnings(proofs), *outcome.warnings))
             ),
@@ -148,7 +143,7 @@ def capture(
 
 
 def _copied(exact: Capture, folder: Path, progress: StepReport) -> RenderOutcome:
-    """Copies the pictures of other photos; what their renderer reported."""
+    """Copies the pictures of other photos; what their renderer reported, with all warnings."""
     for view in range(len(exact.cameras)):
         target = folder / image_name(view)
         target.parent.mkdir(exist_ok=True)
