@@ -91,15 +91,15 @@ def capture(
     """Photograph a scan into ``directory``, which is replaced as a whole on success.
 
     Args:
-        scan, mesh: The subject's scan, and its surface in world metres with texture.
+        scan: The subject's scan.
+        mesh: Its surface in world metres, with texture.
         recipe: Cameras, light and quality.
         directory: Receives ``capture.json``, ``transforms.json`` and ``rgb/``.
         progress: Called after every view.
         exact: Current photos of this scan whose recipe ``is_exact_of`` this one, to be copied.
 
     Raises:
-        DataError: no texture, or a file that cannot be read or written.
-        MethodError, MissingPart: the renderer died or is missing, or its pictures fail the check.
+        HarnessError: no texture, files that cannot be used, a renderer that is not there or died.
     """
     texture_of(mesh)
     planned = CaptureInputs.of(scan, recipe, device="")  # of the code before the work

@@ -25,12 +25,12 @@ from methods.nview.lattices import (
     signed_distance,
 )
 from methods.nview.outlines import SignedOutline
+from methods.nview.silhouettes import coarser, silhouette_fit
 from methods.nview.views import FusionView
 from methods.surface.clothed_body import clothed_body
 
 __all__ = [
     "clothed",
-    "covered_share",
     "hull_distance",
     "hull_field",
     "hull_lattice",
@@ -180,7 +180,7 @@ def _on_lost_pixels(view: FusionView, cut: Raycaster, points: Floats, pixel_m: f
     """(N,) whether points are seen where the view shows the subject and the cut has nothing."""
     from scipy.ndimage import binary_dilation, binary_opening
 
-    outline = _coarser(view.outline, cut.mesh.bounds.mean(axis=0), pixel_m)
+    outline = coarser(view.outline, cut.mesh.bounds.mean(axis=0), pixel_m)
     square = np.ones((3, 3), dtype=bool)
     lost = (outline.distance_px > 0) & ~cut.mask(outline.camera)
     # Rims of single pixels are the lattice's, not the subject's.
@@ -194,29 +194,8 @@ def _on_lost_pixels(view: FusionView, cut: Raycaster, points: Floats, pixel_m: f
     return found
 
 
-def _coarser(outline: SignedOutline, centre: Floats, pixel_m: float) -> SignedOutline:
-    """An outline on pixels that are ``pixel_m`` large at the subject, never enlarged."""
-    camera = outline.camera
-    depth_m = float(camera.forward @ (centre - camera.position))
-    scale = min(1.0, depth_m / float(camera.K[0, 0]) / pixel_m)
-    width, height = (max(1, round(scale * side)) for side in camera.size)
-    rows = ((np.arange(height) + 0.5) / height * camera.height).astype(np.int64)
-    columns = ((np.arange(width) + 0.5) / width * camera.width).astype(np.int64)
-    return SignedOutline(
-        camera.resized(width, height), outline.distance_px[np.ix_(rows, columns)] * scale
-    )
-
-
-def covered_share(view: FusionView, caster: Raycaster, pixel_m: float) -> float:
-    """The share of a view's silhouette that a mesh covers, 0 to 1."""
-    outline = _coarser(view.outline, caster.mesh.bounds.mean(axis=0), pixel_m)
-    shown = outline.distance_px > 0
-    return float((shown & caster.mask(outline.camera)).sum() / max(1, shown.sum()))
-
-
 def _check_covered(views: Sequence[FusionView], hull: Mesh, step_m: float) -> None:
-    caster = Raycaster(hull)
-    shares = [covered_share(view, caster, _PIXEL_STEPS * step_m) for view in views]
+    shares = silhouette_fit(hull, views, _PIXEL_STEPS * step_m).covered
     worst, mean = int(np.argmin(shares)), float(np.mean(shares))
     if shares[worst] < _LEAST_COVERED or mean < _LEAST_MEAN_COVERED:
         raise MethodError(
