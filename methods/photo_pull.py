@@ -19,6 +19,7 @@ from methods.stereo.settings import StereoSettings
 
 if TYPE_CHECKING:
     from methods.stereo.pull import RoundReport
+    from methods.stereo.views import StereoView
 
 __all__ = ["PulledSurface", "StereoTask", "hands_of", "pulled_to_photos", "stereo_parameters"]
 
@@ -98,19 +99,23 @@ def pulled_to_photos(
     from methods.stereo.views import stereo_view
 
     settings = task.settings
-    with context.stage("points"):
-        views = [
+
+    def views() -> list[StereoView]:
+        # Read anew for each step: in full resolution they take as much memory as the pull does.
+        return [
             stereo_view(capture.cameras[view], open_photo(capture, view).rgba)
             for view in task.views
         ]
-        points = stereo_points(views, start, settings)
+
+    with context.stage("points"):
+        points = stereo_points(views(), start, settings)
         points = points.away_from(task.hands, settings.keep.hands_m)
     with context.stage("pull"):
         pulled = pull(start, points, settings.pulls, remeshed)
     mesh, rounds = pulled.mesh, pulled.rounds
     if task.narrow:
         with context.stage("narrow"):
-            finish = finished(mesh, views, settings)
+            finish = finished(mesh, views(), settings)
             mesh, rounds = finish.mesh, (*rounds, *finish.rounds)
     return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds))
 

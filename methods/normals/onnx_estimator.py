@@ -156,6 +156,8 @@ def _session(path: Path) -> Any:
             hint="Run: pip install onnxruntime",
         ) from error
     options = onnxruntime.SessionOptions()
+    # Else the working memory of the largest run stays taken for as long as the network is kept.
+    options.enable_cpu_mem_arena = False
     if hasattr(os, "sched_getaffinity"):  # on Linux
         # Otherwise onnxruntime counts cores that this process is not given and pins threads there.
         options.intra_op_num_threads = len(os.sched_getaffinity(0))
