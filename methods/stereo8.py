@@ -20,6 +20,7 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
 from harness.geometry.photo import open_photo
+from methods.body.result import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.nview.start import clothed, start_surface
@@ -32,7 +33,7 @@ from methods.photo_pull import (
 )
 from methods.stereo.settings import KeepRules, MatchSettings, NarrowSettings, StereoSettings
 
-__all__ = ["StartSettings", "Stereo8", "stereo8"]
+__all__ = ["StartSettings", "Stereo8", "StereoBegun", "stereo8"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,21 @@ class _Rooms:
     narrow: NarrowSettings = field(default_factory=NarrowSettings)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoBegun:
+    """What photo-consistency starts from.
+
+    Attributes:
+        views: Indices of the photos.
+        fitted: The body.
+        start: The surface between hull and body, world metres.
+    """
+
+    views: Sequence[int]
+    fitted: BodyFitResult
+    start: Mesh
+
+
 class Stereo8:
     """Hull and body, pulled by what neighbouring photos agree on."""
 
@@ -89,7 +105,7 @@ class Stereo8:
             parameters={
                 "body": rooms.body.in_use(len(self._fit.views)),
                 "start": asdict(rooms.start),
-                **stereo_parameters(self._settings()),
+                **stereo_parameters(self.settings()),
             },
         )
 
@@ -107,20 +123,31 @@ class Stereo8:
             MethodError: no person found, or silhouettes that contradict each other.
             MissingPart: the body model or MediaPipe is not installed.
         """
+        begun = self.begun(capture, context)
+        narrow = self._rooms.start.narrow == "on"
+        task = StereoTask(begun.views, hands_of(begun.fitted), self.settings(), narrow)
+        pulled = pulled_to_photos(begun.start, capture, task, context)
+        if context.keep:
+            save_mesh(context.workdir / "start.ply", begun.start)
+            save_mesh(context.workdir / "pulled.ply", pulled.before_narrow)
+        details = {**begun.fitted.details(), **pulled.details()}
+        return Reconstruction(mesh=pulled.mesh, body=begun.fitted.body, details=details)
+
+    def begun(self, capture: Capture, context: Context) -> StereoBegun:
+        """The body, and the surface around which photos are compared.
+
+        Raises:
+            MethodError: no person found, or silhouettes that contradict each other.
+            MissingPart: the body model or MediaPipe is not installed.
+        """
         indices = [view for view in self._fit.views if view < len(capture.cameras)]
         fitted = self._fit.fit(capture, context)
         with context.stage("start"):
             start = self._start(capture, indices, fitted.skin)
-        narrow = self._rooms.start.narrow == "on"
-        task = StereoTask(indices, hands_of(fitted), self._settings(), narrow)
-        pulled = pulled_to_photos(start, capture, task, context)
-        if context.keep:
-            save_mesh(context.workdir / "start.ply", start)
-            save_mesh(context.workdir / "pulled.ply", pulled.before_narrow)
-        details = {**fitted.details(), **pulled.details()}
-        return Reconstruction(mesh=pulled.mesh, body=fitted.body, details=details)
+        return StereoBegun(indices, fitted, start)
 
-    def _settings(self) -> StereoSettings:
+    def settings(self) -> StereoSettings:
+        """How photos are compared."""
         rooms = self._rooms
         return StereoSettings(match=rooms.match, keep=rooms.keep, narrow=rooms.narrow)
 

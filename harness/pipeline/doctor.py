@@ -186,7 +186,10 @@ def _catalogued() -> Iterator[Finding]:
         info = method.info
         parts = ", ".join(part.name for part in info.parts)
         note = f"{info.title} ({parts})" if parts else info.title
-        yield Finding("method", method.name, True, True, note)
+        if method.name in catalogued.missing:
+            yield _unusable("method", method.name, catalogued.missing[method.name])
+        else:
+            yield Finding("method", method.name, True, True, note)
     for name, error in catalogued.failures.items():
         yield _unusable("method", name, error)
 

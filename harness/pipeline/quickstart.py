@@ -49,8 +49,9 @@ def quickstart(
 ) -> QuickstartResult:
     """Make two avatars, photograph them, run every method that can be, and write tables."""
     catalogued = catalogued_methods()
-    unavailable = [f"{name}: {error}" for name, error in catalogued.failures.items()]
-    methods = catalogued.usable
+    lacking = {**catalogued.failures, **catalogued.missing}
+    unavailable = [f"{name}: {error}" for name, error in lacking.items()]
+    methods = tuple(method for method in catalogued.usable if method.name not in lacking)
     names = {method.name for method in methods}
     store = RunStore(workspace.run(_RUN))
     request = EvalRequest(

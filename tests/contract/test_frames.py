@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.rigs import RingRig
+from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context
@@ -27,6 +28,7 @@ SMALL = {
     "hull.voxel_m": "0.01",
     "nview.resolution": "128",
     "nview.voxel_m": "0.012",
+    "mesh.depth": "8",
 }
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0
@@ -125,8 +127,12 @@ def small(name: str, extra: dict[str, str] | None = None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in METHODS if name != "gt"])
+@pytest.mark.parametrize("name", [name for name in METHODS if name not in ("gt", "oracle8-points")])
 def test_results_move_with_the_cameras(name, capture, figure, tmp_path):
+    try:
+        ChosenMethod.of(name, {}).require_installed()
+    except MissingPart as error:
+        pytest.skip(str(error))
     method = small(name)
     assert not {Privilege.SUBJECT_CENTRE, Privilege.GROUND_TRUTH_MESH} & {*method.info.privileges}
     worlds = Worlds(method, capture, figure, tmp_path)

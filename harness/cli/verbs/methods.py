@@ -24,14 +24,17 @@ def list_methods(as_json: Json = False) -> None:
     catalogued = catalogued_methods()
     infos = {method.name: method.info for method in catalogued.usable}
     failures = {name: str(error) for name, error in catalogued.failures.items()}
+    missing = {name: str(error) for name, error in catalogued.missing.items()}
     if as_json:
         found = {name: info.to_dict() for name, info in infos.items()}
-        print_json({"methods": found, "unusable": failures})
+        print_json({"methods": found, "unusable": failures, "missing": missing})
         return
     for name, info in infos.items():
         count = "all" if info.views is None else str(len(info.views))
         given = ", ".join(privilege.label for privilege in info.privileges)
         print(f"{name:18} {info.title:42} views {count:4} given: {given or 'pixels alone'}")
+    for name, why in missing.items():
+        print(f"{name:18} missing: {why}")
     for name, why in failures.items():
         print(f"{name:18} cannot be used: {why}")
 

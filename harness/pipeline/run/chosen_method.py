@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name
+from harness.core.installation import Installable
 from harness.core.protocols import Configurable, Method, MethodInfo
 from methods.catalog import METHODS
 
@@ -75,6 +76,16 @@ class ChosenMethod:
         changed = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
         return replace(info, name=self.row, title=f"{info.title}, {changed}")
 
+    def require_installed(self) -> None:
+        """Nothing, if the method can run here.
+
+        Raises:
+            MissingPart: it runs on something that is not installed; the hint is the next command.
+            MethodError: this machine cannot hold it.
+        """
+        if isinstance(self.method, Installable):
+            self.method.require_installed()
+
 
 def _check_row(row: str, settings: Mapping[str, str]) -> None:
     checked_name("row", row)
@@ -94,7 +105,7 @@ def _check_row(row: str, settings: Mapping[str, str]) -> None:
 def chosen_methods(
     names: Sequence[str], settings: Mapping[str, str], row: str = ""
 ) -> tuple[ChosenMethod, ...]:
-    """The methods of some names, all with the same settings.
+    """The methods of some names, all with the same settings, ready to run.
 
     Args:
         names: In the catalogue.
@@ -102,13 +113,17 @@ def chosen_methods(
         row: What the records of the only method are called, if not by its name.
 
     Raises:
-        HarnessError: several methods for one row, or as ``ChosenMethod.of``.
+        HarnessError: several methods for one row, or as ``ChosenMethod.of`` and
+            ``ChosenMethod.require_installed``.
     """
     if row and len(names) != 1:
         raise HarnessError(
             f"row '{row}' can be of one method only", got=", ".join(names), hint="Run one at a time"
         )
-    return tuple(ChosenMethod.of(name, settings, row) for name in names)
+    chosen = tuple(ChosenMethod.of(name, settings, row) for name in names)
+    for method in chosen:
+        method.require_installed()
+    return chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,21 +131,30 @@ class Catalogued:
     """All methods of the catalogue, third parties' included, with their default settings.
 
     Attributes:
-        usable: The methods that can be used here, in the catalogue's order.
+        usable: The methods that describe themselves here, in the catalogue's order.
         failures: Why others cannot be used, by name.
+        missing: Why some of the usable ones cannot run yet, by name: something that the user
+            installs is not there, or this machine cannot hold it.
     """
 
     usable: tuple[ChosenMethod, ...]
     failures: Mapping[str, HarnessError]
+    missing: Mapping[str, HarnessError]
 
 
 def catalogued_methods() -> Catalogued:
     """Every method of the catalogue, or the reason why it cannot be used."""
     usable: list[ChosenMethod] = []
     failures: dict[str, HarnessError] = {}
+    missing: dict[str, HarnessError] = {}
     for name in METHODS:
         try:
             usable.append(ChosenMethod.of(name, {}))
         except HarnessError as error:
             failures[name] = error
-    return Catalogued(tuple(usable), failures)
+            continue
+        try:
+            usable[-1].require_installed()
+        except HarnessError as error:
+            missing[name] = error
+    return Catalogued(tuple(usable), failures, missing)

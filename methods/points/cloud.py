@@ -1,0 +1,65 @@
+"""Oriented points: what every source ends in, and what Poisson reconstruction starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.arrays import Floats, Mask
+
+__all__ = ["OrientedPoints"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientedPoints:
+    """Points of a surface with the side that they face, world metres.
+
+    Attributes:
+        positions: (N, 3).
+        normals: (N, 3) unit, outwards.
+    """
+
+    positions: Floats
+    normals: Floats
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def chosen(self, keep: Mask) -> OrientedPoints:
+        """Those where ``keep`` (N,) holds."""
+        return OrientedPoints(self.positions[keep], self.normals[keep])
+
+    @classmethod
+    def joined(cls, parts: Sequence[OrientedPoints]) -> OrientedPoints:
+        """All parts, one after the other."""
+        if not parts:
+            return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+        return cls(
+            np.concatenate([part.positions for part in parts]),
+            np.concatenate([part.normals for part in parts]),
+        )
+
+    def thinned(self, cell_m: float) -> OrientedPoints:
+        """One point for each cell and side: the mean of those that face about the same way.
+
+        The two sides of a thin sheet share a cell but not a direction, and stay apart.
+        """
+        if cell_m <= 0 or len(self) == 0:
+            return self
+        cells = np.floor(self.positions / cell_m).astype(np.int64)
+        side = ((self.normals > 0) * np.array([1, 2, 4])).sum(axis=1)
+        key = np.column_stack([cells, side])
+        _, owner = np.unique(key, axis=0, return_inverse=True)
+        owner = owner.ravel()
+        count = int(owner.max()) + 1
+        weight = np.bincount(owner, minlength=count)[:, None]
+
+        def total(values: Floats) -> Floats:
+            sums = [np.bincount(owner, axis, count) for axis in values.T]
+            return np.stack(sums, axis=1).astype(np.float64)
+
+        normals = total(self.normals)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return OrientedPoints(total(self.positions) / weight, normals / np.maximum(length, 1e-9))

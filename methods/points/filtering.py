@@ -1,0 +1,231 @@
+"""Which pixels of aligned depth maps become points; every step says what it kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harness.core.arrays import Floats, Ints, Mask
+from harness.core.cameras.camera import Camera
+from harness.core.errors import MethodError
+from methods.points.cloud import OrientedPoints
+from methods.points.normals import grid_normals
+from methods.points.settings import KeepSettings
+
+__all__ = ["Kept", "WorldDepth", "kept_points"]
+
+#: The mask holds pixels that the subject covers at least half of.
+_COVERED = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldDepth:
+    """A view's depth in the world's metres.
+
+    Attributes:
+        camera: Of these pixels, world metres.
+        depth: (H, W) metres along the optical axis; not finite or not positive where unknown.
+        coverage: (H, W) how much of each pixel the subject covers, 0 to 1.
+        confidence: (H, W), larger is better; None where the source has none.
+    """
+
+    camera: Camera
+    depth: Floats
+    coverage: Floats
+    confidence: Floats | None = None
+
+    @property
+    def covered(self) -> Mask:
+        """(H, W) the mask."""
+        return self.coverage >= _COVERED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kept:
+    """The points that are left.
+
+    Attributes:
+        points: Oriented, world metres.
+        shares: By step, in order, which share of the points before it each step kept.
+        by_view: Share of each view's covered pixels that are points in the end.
+    """
+
+    points: OrientedPoints
+    shares: Mapping[str, float]
+    by_view: tuple[float, ...]
+
+    def details(self) -> dict[str, object]:
+        """What a record says of it."""
+        return {
+            "points": len(self.points),
+            "kept_shares": {name: round(share, 4) for name, share in self.shares.items()},
+            "kept_by_view": [round(share, 4) for share in self.by_view],
+        }
+
+
+def kept_points(views: Sequence[WorldDepth], settings: KeepSettings) -> Kept:
+    """The points of all views that pass every step, with normals.
+
+    The steps: ``mask`` (eroded, depth known), ``edges``, ``confidence``, ``consistency`` of the
+    views, ``normals`` (those that can be told), ``outliers``. Shares of the first step are of the
+    pixels that the subject covers.
+
+    Raises:
+        MethodError: a step leaves nothing.
+    """
+    steps = {
+        "mask": [_masked(view, settings.erode_px) for view in views],
+    }
+    steps["edges"] = [
+        before & _away_from_edges(view.depth, before, settings.edge)
+        for view, before in zip(views, steps["mask"], strict=True)
+    ]
+    steps["confidence"] = [
+        _confident(view, before, settings.drop_share)
+        for view, before in zip(views, steps["edges"], strict=True)
+    ]
+    steps["consistency"] = _consistent(views, steps["confidence"], settings.consistency_m)
+    normals = [
+        grid_normals(view.depth, mask, view.camera, settings.normal_px)
+        for view, mask in zip(views, steps["consistency"], strict=True)
+    ]
+    steps["normals"] = [
+        mask & np.any(found != 0, axis=-1)
+        for found, mask in zip(normals, steps["consistency"], strict=True)
+    ]
+    shares = _shares(views, steps)
+    points = [
+        OrientedPoints(_world(view, mask), found[mask])
+        for view, found, mask in zip(views, normals, steps["normals"], strict=True)
+    ]
+    joined = OrientedPoints.joined(points)
+    keep = _near_others(joined.positions, settings)
+    shares["outliers"] = float(keep.mean()) if len(keep) else 0.0
+    _refuse_nothing(shares)
+    owner = np.repeat(np.arange(len(views)), [len(each) for each in points])
+    left = np.bincount(owner[keep], minlength=len(views))
+    covered = [max(1, int(view.covered.sum())) for view in views]
+    by_view = tuple(float(n) / of for n, of in zip(left, covered, strict=True))
+    return Kept(joined.chosen(keep), shares, by_view)
+
+
+def _shares(views: Sequence[WorldDepth], steps: Mapping[str, Sequence[Mask]]) -> dict[str, float]:
+    before = sum(int(view.covered.sum()) for view in views)
+    shares: dict[str, float] = {}
+    for name, masks in steps.items():
+        now = sum(int(mask.sum()) for mask in masks)
+        shares[name] = now / max(1, before)
+        before = now
+    return shares
+
+
+def _refuse_nothing(shares: Mapping[str, float]) -> None:
+    empty = next((name for name, share in shares.items() if share == 0.0), None)
+    if empty is not None:
+        raise MethodError(
+            f"no point is left after the step '{empty}'",
+            expected="points on the subject",
+            got=", ".join(f"{name} kept {share:.1%}" for name, share in shares.items()),
+            hint="Look at the depth maps with --keep, or loosen the settings of 'keep'",
+        )
+
+
+def _masked(view: WorldDepth, erode_px: int) -> Mask:
+    from scipy.ndimage import binary_erosion
+
+    mask = view.covered
+    if erode_px and mask.any():
+        # Beyond the frame the subject goes on: there is no rim.
+        mask = np.asarray(binary_erosion(mask, iterations=erode_px, border_value=1), dtype=bool)
+    known = np.isfinite(view.depth) & (np.nan_to_num(view.depth) > 0)
+    return mask & known
+
+
+def _away_from_edges(depth: Floats, mask: Mask, edge: float) -> Mask:
+    """(H, W) pixels whose depth is about that of all their neighbours in the mask."""
+    smooth = np.ones_like(mask)
+    for axis in (0, 1):
+        near, far = _beside(axis)
+        both = mask[near] & mask[far]
+        least = np.minimum(np.where(both, depth[near], 1.0), np.where(both, depth[far], 1.0))
+        apart = np.abs(np.where(both, depth[near], 0.0) - np.where(both, depth[far], 0.0))
+        jump = both & (apart > edge * least)
+        smooth[near] &= ~jump
+        smooth[far] &= ~jump
+    return smooth
+
+
+def _beside(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """Index of all pixels but the last, and of all but the first, along an axis."""
+    first, second = [slice(None), slice(None)], [slice(None), slice(None)]
+    first[axis], second[axis] = slice(None, -1), slice(1, None)
+    return tuple(first), tuple(second)
+
+
+def _confident(view: WorldDepth, mask: Mask, drop_share: float) -> Mask:
+    if view.confidence is None or drop_share == 0 or not mask.any():
+        return mask
+    with np.errstate(invalid="ignore"):
+        known = mask & np.isfinite(view.confidence)
+        if not known.any():
+            return known
+        # Ranked and not compared with a limit: where most pixels are equally sure, none of them go.
+        least = np.quantile(view.confidence[known], drop_share)
+        return known & (view.confidence >= least)
+
+
+def _world(view: WorldDepth, mask: Mask) -> Floats:
+    rows, columns = np.nonzero(mask)
+    pixels = np.stack([columns + 0.5, rows + 0.5], axis=1)
+    return view.camera.unproject(pixels, view.depth[mask])
+
+
+def _consistent(
+    views: Sequence[WorldDepth], masks: Sequence[Mask], tolerance_m: float
+) -> list[Mask]:
+    """The points that at least as many other views confirm as contradict."""
+    if tolerance_m == 0:
+        return list(masks)
+    known = [
+        replace(view, depth=np.where(m, view.depth, np.nan))
+        for view, m in zip(views, masks, strict=True)
+    ]
+    found: list[Mask] = []
+    for index, (view, mask) in enumerate(zip(views, masks, strict=True)):
+        points = _world(view, mask)
+        votes = np.zeros(len(points), dtype=np.int64)
+        for number, other in enumerate(known):
+            if number != index:
+                votes += _votes(points, other, tolerance_m)
+        keep = mask.copy()
+        keep[mask] = votes >= 0
+        found.append(keep)
+    return found
+
+
+def _votes(points: Floats, other: WorldDepth, tolerance_m: float) -> Ints:
+    """(N,) 1 where another view has the point on its surface, -1 where it sees through it."""
+    pixels, depth = other.camera.project(points)
+    with np.errstate(invalid="ignore"):  # behind the camera: NaN, so not in the frame
+        framed = ((pixels >= 0) & (pixels < other.camera.size)).all(axis=1)
+    columns, rows = pixels[framed].astype(np.int64).T
+    theirs = other.depth[rows, columns]
+    apart = depth[framed] - theirs
+    with np.errstate(invalid="ignore"):  # unknown depth says nothing
+        said = np.where(np.abs(apart) <= tolerance_m, 1, np.where(apart < -tolerance_m, -1, 0))
+    said[~(other.coverage[rows, columns] > 0)] = -1
+    votes = np.zeros(len(points), dtype=np.int64)
+    votes[framed] = said
+    return votes
+
+
+def _near_others(points: Floats, settings: KeepSettings) -> Mask:
+    from scipy.spatial import KDTree
+
+    count = settings.outlier_neighbours
+    if settings.outlier_spread == 0 or len(points) <= count + 1:
+        return np.ones(len(points), dtype=bool)
+    distance = KDTree(points).query(points, k=count + 1, workers=-1)[0][:, 1:].mean(axis=1)
+    return np.asarray(distance <= distance.mean() + settings.outlier_spread * distance.std())
