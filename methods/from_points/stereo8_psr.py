@@ -1,9 +1,9 @@
 """``stereo8-psr``: the points of ``stereo8``, closed by screened Poisson reconstruction.
 
 The plain way from points to a mesh, as the points of feed-forward networks are meshed: nothing but
-the points, and a bulge where there are none. Points on the hands, which ``stereo8`` leaves out because
-its surface has hands already, stay: nothing would be left of them. Beside ``stereo8``, which moves a surface of hull and
-body to the same points, it shows what that way costs.
+the points, and a bulge where there are none. Points on the hands, which ``stereo8`` leaves out
+because its surface has hands already, stay: nothing would be left of them. Beside ``stereo8``,
+which moves a surface of hull and body to the points, it shows what that way costs.
 
 Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 """

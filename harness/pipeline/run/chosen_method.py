@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name
-from harness.core.installation import Installable
+from harness.core.process.installable import Installable
 from harness.core.protocols import Configurable, Method, MethodInfo
 from methods.catalog import METHODS
 

@@ -1,0 +1,223 @@
+"""Networks that a user brings: weights, checked and kept, and the Python that runs them.
+
+``<parts folder>/<name>/`` holds the weights and ``network.json``: title, licence, the size and
+sha256 of each file, and the interpreter.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import DataError, HarnessError, MissingPart
+from harness.core.files.atomic import atomic_directory, exclusive_lock, read_json, write_json
+from harness.core.files.hashing import file_sha256
+from methods.feedforward.checkpoint import WEIGHTS_FILE, examined_weights
+from methods.feedforward.installed import InstalledNetwork
+from methods.foreign.interpreter import Interpreter
+from methods.foreign.manifest import read_worker
+
+__all__ = ["DA3", "MAPANYTHING", "VGGT", "NetworkPart", "find_da3", "find_mapanything", "find_vggt"]
+
+_NOTE = "network.json"
+_SNAPSHOT = ("config.json", "model.safetensors")
+_WORKERS = Path(__file__).resolve().parent / "workers"
+
+#: Checks what a user has and returns what writes the files that are kept.
+Examine = Callable[[Path], Callable[[Path], None]]
+
+
+def parts_folder() -> Path:
+    """The folder of a user's parts: ``HARNESS_PARTS``, or ``parts`` below the data folder."""
+    named = os.environ.get("HARNESS_PARTS")
+    if named:
+        return Path(named).expanduser().resolve()
+    data = Path(os.environ.get("XDG_DATA_HOME", ""))
+    base = data if data.is_absolute() else Path.home() / ".local" / "share"
+    return base / "mexecon-harness" / "parts"
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkPart:
+    """A network that a user may bring.
+
+    Attributes:
+        name: What it is called in ``harness parts import NAME``.
+        title: What its weights are.
+        licence: Of the weights.
+        source: Where they come from.
+        files: What the user names, such as ``model.pt``.
+        weights: Name of what the worker takes, in the part's folder; empty is the folder.
+        examine: Checks a file or folder.
+    """
+
+    name: str
+    title: str
+    licence: str
+    source: str
+    files: str
+    weights: str
+    examine: Examine
+
+    @property
+    def folder(self) -> Path:
+        """Where it is kept; it need not exist."""
+        return parts_folder() / self.name
+
+    @property
+    def command(self) -> str:
+        """What to run once the files are there."""
+        return f"harness parts import {self.name} {self.files}"
+
+    def add(
+        self, given: Path, python: Path | None = None, *, replace: bool = False
+    ) -> InstalledNetwork:
+        """Check the weights, keep what is used of them, and note the interpreter.
+
+        Args:
+            given: File or folder as it is published.
+            python: The interpreter that runs the network; None is the harness's own.
+            replace: Whether the part may take the place of another one.
+
+        Raises:
+            DataError: not such weights; nothing is changed then.
+            HarnessError: there is one already, or no such interpreter.
+            MissingPart: what reads the weights is not installed, or the interpreter lacks packages.
+        """
+        interpreter = _interpreter(python)
+        interpreter.packages(read_worker(_WORKERS / self.name))
+        write = self.examine(given)
+        with exclusive_lock(parts_folder() / f".{self.name}.lock"):
+            if self.folder.exists() and not replace:
+                raise HarnessError(
+                    f"the part '{self.name}' is imported already",
+                    got=str(self.folder),
+                    hint=f"Run: {self.command} --replace",
+                )
+            with atomic_directory(self.folder) as folder:
+                write(folder)
+                files = {path.name: _noted(path) for path in sorted(folder.iterdir())}
+                note: dict[str, object] = {
+                    "title": self.title,
+                    "licence": self.licence,
+                    "files": files,
+                    "python": str(python.absolute()) if python else "",
+                }
+                write_json(folder / _NOTE, note)
+        return self.find()
+
+    def find(self) -> InstalledNetwork:
+        """The network as it was noted; its files are there, and of their sizes.
+
+        Raises:
+            MissingPart: it was never imported, or files are gone; the hint is the next command.
+            DataError: files are others than those that were written.
+        """
+        note = self.folder / _NOTE
+        if not note.is_file():
+            raise MissingPart(
+                f"the part '{self.name}' ({self.title}) is not imported",
+                hint=f"Get it from {self.source}, then run: {self.command}",
+            )
+        entries = read_json(note)
+        files: dict[str, dict[str, Any]] = entries["files"]
+        for name, entry in files.items():
+            path = self.folder / name
+            if not path.is_file() or path.stat().st_size != entry["bytes"]:
+                raise DataError(
+                    f"{path} is not the file that was imported",
+                    hint=f"Run: {self.command} --replace",
+                )
+        lines = "\n".join(f"{name} {entry['sha256']}" for name, entry in sorted(files.items()))
+        return InstalledNetwork(
+            title=entries["title"],
+            licence=entries["licence"],
+            sha256=hashlib.sha256(lines.encode()).hexdigest(),
+            weights=self.folder / self.weights,
+            bytes=sum(entry["bytes"] for entry in files.values()),
+            interpreter=_interpreter(Path(entries["python"]) if entries["python"] else None),
+        )
+
+
+def _noted(path: Path) -> dict[str, object]:
+    return {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+
+
+def _interpreter(python: Path | None) -> Interpreter:
+    if python is not None and not python.is_file():
+        raise HarnessError(
+            f"no interpreter at {python}",
+            expected="a Python program, such as /opt/vggt/bin/python",
+            hint="Give it with --python",
+        )
+    return Interpreter(python.absolute() if python else None)
+
+
+def _vggt(given: Path) -> Callable[[Path], None]:
+    return examined_weights(given).write
+
+
+def _snapshot(given: Path) -> Callable[[Path], None]:
+    """A folder as ``huggingface-cli download`` leaves it: what ``from_pretrained`` takes."""
+    missing = [name for name in _SNAPSHOT if not (given / name).is_file()]
+    if missing:
+        raise DataError(
+            f"{given} is not a folder of weights",
+            expected=" and ".join(_SNAPSHOT),
+            got=f"no {' and no '.join(missing)}",
+        )
+
+    def write(folder: Path) -> None:
+        for name in _SNAPSHOT:
+            shutil.copyfile(given / name, folder / name)
+
+    return write
+
+
+VGGT = NetworkPart(
+    name="vggt",
+    title="VGGT-1B (aggregator, camera head, depth head)",
+    licence="CC-BY-NC-4.0, or VGGT License for the commercial checkpoint",
+    source="huggingface.co/facebook/VGGT-1B",
+    files="model.pt",
+    weights=WEIGHTS_FILE,
+    examine=_vggt,
+)
+DA3 = NetworkPart(
+    name="da3",
+    title="DA3-BASE",
+    licence="Apache-2.0",
+    source="huggingface.co/depth-anything/DA3-BASE",
+    files="FOLDER --python da3/bin/python",
+    weights="",
+    examine=_snapshot,
+)
+MAPANYTHING = NetworkPart(
+    name="mapanything",
+    title="map-anything-apache",
+    licence="Apache-2.0",
+    source="huggingface.co/facebook/map-anything-apache",
+    files="FOLDER --python mapanything/bin/python",
+    weights="",
+    examine=_snapshot,
+)
+
+
+def find_vggt() -> InstalledNetwork:
+    """See ``NetworkPart.find``."""
+    return VGGT.find()
+
+
+def find_da3() -> InstalledNetwork:
+    """See ``NetworkPart.find``."""
+    return DA3.find()
+
+
+def find_mapanything() -> InstalledNetwork:
+    """See ``NetworkPart.find``."""
+    return MAPANYTHING.find()

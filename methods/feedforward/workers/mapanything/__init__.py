@@ -1,0 +1,1 @@
+"""MapAnything, run by the user's own installation of its package."""

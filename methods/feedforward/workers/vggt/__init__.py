@@ -1,0 +1,1 @@
+"""VGGT, run by the user's own installation of the ``vggt`` package."""

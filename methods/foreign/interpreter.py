@@ -1,0 +1,168 @@
+"""Which Python runs a worker, and what it has: asked once a process, nothing heavy is imported."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import MissingPart
+from methods.foreign.manifest import Worker
+
+__all__ = ["Interpreter", "Packages", "environment_of"]
+
+_LIMIT_S = 60
+#: Standard library only, for any Python from 3.8 on. A module's package is where its top-level name
+#: leads to; a namespace package has no file of its own, so that the module itself is asked for.
+_PROBE = """
+import hashlib, importlib.util, json, os, sys
+from importlib import metadata
+found = {"python": sys.version.split()[0], "missing": [], "versions": {}, "sha256": "", "place": ""}
+names = sys.argv[1:]
+for name in names:
+    try:
+        spec = importlib.util.find_spec(name)
+    except Exception:
+        spec = None
+    if spec is None:
+        found["missing"].append(name)
+        continue
+    top = name.split(".")[0]
+    for distribution in metadata.packages_distributions().get(top, []) if hasattr(
+        metadata, "packages_distributions"
+    ) else [top]:
+        try:
+            found["versions"][distribution] = metadata.version(distribution)
+        except metadata.PackageNotFoundError:
+            pass
+    if name == names[-1]:
+        folder = list(importlib.util.find_spec(top).submodule_search_locations or [])
+        root = folder[0] if folder else os.path.dirname(spec.origin)
+        files = sorted(
+            os.path.join(place, file)
+            for place, _, files in os.walk(root) for file in files if file.endswith(".py")
+        )
+        digest = hashlib.sha256()
+        for file in files:
+            with open(file, "rb") as stream:
+                content = stream.read()
+            digest.update(os.path.relpath(file, root).encode() + b"\\0" + content)
+        found["sha256"], found["place"] = digest.hexdigest(), root
+print("@found " + json.dumps(found))
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Interpreter:
+    """A Python, and folders that are put before its own path.
+
+    Attributes:
+        python: The program; None is the one that runs this.
+        path: Folders, such as a source checkout that is not installed.
+    """
+
+    python: Path | None = None
+    path: tuple[Path, ...] = ()
+
+    @property
+    def program(self) -> str:
+        """What is started."""
+        return str(self.python) if self.python else sys.executable
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it is another one than the harness's own."""
+        return self.python is not None
+
+    def packages(self, worker: Worker) -> Packages:
+        """What it has of what a worker needs; asked once a process.
+
+        Raises:
+            MissingPart: no such interpreter, one that does not run, or modules that it lacks.
+        """
+        return _packages(self, worker)
+
+
+@dataclass(frozen=True, slots=True)
+class Packages:
+    """What an interpreter has for a worker.
+
+    Attributes:
+        python: Its version.
+        versions: Of the modules' distributions, by name, where they are installed as such.
+        sha256: Digest of all Python files of the last module's package.
+        place: Where that package lies.
+    """
+
+    python: str
+    versions: Mapping[str, str]
+    sha256: str
+    place: str
+
+    @property
+    def text(self) -> str:
+        """A few words for a record."""
+        versions = ", ".join(f"{name} {version}" for name, version in sorted(self.versions.items()))
+        return f"Python {self.python}{f', {versions}' if versions else ''}"
+
+
+def environment_of(interpreter: Interpreter, base: Mapping[str, str]) -> dict[str, str]:
+    """The environment variables of a worker: those of the harness, with the interpreter's path.
+
+    A foreign interpreter does not get ours: packages that are on it would hide its own.
+    """
+    own = {} if interpreter.is_foreign else {"PYTHONPATH": base.get("PYTHONPATH", "")}
+    rest = {
+        name: text
+        for name, text in base.items()
+        if name not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "__PYVENV_LAUNCHER__")
+    }
+    folders = [str(folder) for folder in interpreter.path]
+    joined = ":".join([*folders, *filter(None, [own.get("PYTHONPATH", "")])])
+    # The working folder may contain modules with the names of others; ignored before Python 3.11.
+    return {**rest, "PYTHONSAFEPATH": "1", **({"PYTHONPATH": joined} if joined else {})}
+
+
+@functools.lru_cache
+def _packages(interpreter: Interpreter, worker: Worker) -> Packages:
+    try:
+        process = subprocess.run(
+            [interpreter.program, "-c", _PROBE, *worker.modules],
+            capture_output=True,
+            text=True,
+            timeout=_LIMIT_S,
+            check=False,
+            env=environment_of(interpreter, os.environ),
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise MissingPart(
+            f"the interpreter of '{worker.name}' does not run: {interpreter.program}",
+            got=str(error),
+            hint=_with_python(worker),
+        ) from error
+    lines = [line for line in process.stdout.splitlines() if line.startswith("@found ")]
+    if process.returncode or not lines:
+        tail = (process.stderr.strip().splitlines() or [f"exit status {process.returncode}"])[-1]
+        raise MissingPart(
+            f"the interpreter of '{worker.name}' does not run: {interpreter.program}",
+            got=tail,
+            hint=_with_python(worker),
+        )
+    found = json.loads(lines[-1].removeprefix("@found "))
+    if found["missing"]:
+        raise MissingPart(
+            f"{interpreter.program} does not have what '{worker.name}' needs",
+            expected=", ".join(worker.modules),
+            got=f"no {', '.join(found['missing'])}",
+            hint=f"Run: {worker.install}",
+        )
+    return Packages(found["python"], found["versions"], found["sha256"], found["place"])
+
+
+def _with_python(worker: Worker) -> str:
+    return f"Import '{worker.name}' again with --python and an interpreter that runs"

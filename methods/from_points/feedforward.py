@@ -1,0 +1,39 @@
+"""``vggt8``, ``vggt2``, ``da3-8`` and ``mapanything8``: networks that see all photos at once.
+
+Each gives depth and cameras in one pass; the rest is the same for all sources of points. They run
+in the user's own installation, with the user's own weights.
+
+Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
+"""
+
+from __future__ import annotations
+
+from methods.feedforward.installed import Find
+from methods.feedforward.kin import DepthAnything3, MapAnything
+from methods.feedforward.parts import find_da3, find_mapanything, find_vggt
+from methods.feedforward.source import Dialect, NetworkSettings, NetworkSource
+from methods.feedforward.vggt import Vggt
+from methods.points.method import PointsMethod
+
+__all__ = ["da3_8", "mapanything8", "vggt2", "vggt8"]
+
+_RING = tuple(range(8))
+_FRONT_BACK = (0, 4)
+
+
+def _method(
+    name: str,
+    views: tuple[int, ...],
+    dialect: Dialect,
+    find: Find,
+    settings: NetworkSettings,
+) -> PointsMethod:
+    return PointsMethod(name, views, NetworkSource(dialect, find, settings, len(views)))
+
+
+vggt8 = _method("vggt8", _RING, Vggt(), find_vggt, NetworkSettings())
+vggt2 = _method("vggt2", _FRONT_BACK, Vggt(), find_vggt, NetworkSettings())
+da3_8 = _method("da3-8", _RING, DepthAnything3(), find_da3, NetworkSettings(side=504, fit="fit"))
+mapanything8 = _method(
+    "mapanything8", _RING, MapAnything(), find_mapanything, NetworkSettings(fit="fit")
+)
