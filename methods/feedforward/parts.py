@@ -152,7 +152,7 @@ def _interpreter(python: Path | None) -> Interpreter:
     if python is not None and not python.is_file():
         raise HarnessError(
             f"no interpreter at {python}",
-            expected="a Python program, such as /opt/vggt/bin/python",
+            expected="a Python program, such as vggt/bin/python",
             hint="Give it with --python",
         )
     return Interpreter(python.absolute() if python else None)

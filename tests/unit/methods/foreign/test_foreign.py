@@ -107,12 +107,12 @@ def test_an_interpreter_that_does_not_run_is_said(program, tmp_path, folder):
 
 
 def test_a_foreign_interpreter_does_not_get_our_packages():
-    base = {"PYTHONPATH": "/ours", "PYTHONHOME": "/home", "VIRTUAL_ENV": "/venv", "LANG": "C"}
-    foreign = environment_of(Interpreter(Path("/opt/python"), (Path("/opt/vggt"),)), base)
-    assert foreign == {"PYTHONPATH": "/opt/vggt", "PYTHONSAFEPATH": "1", "LANG": "C"}
+    base = {"PYTHONPATH": "/ours", "PYTHONHOME": "/other", "VIRTUAL_ENV": "/venv", "LANG": "C"}
+    foreign = environment_of(Interpreter(Path("/there/python"), (Path("/there/vggt"),)), base)
+    assert foreign == {"PYTHONPATH": "/there/vggt", "PYTHONSAFEPATH": "1", "LANG": "C"}
     own = environment_of(Interpreter(), base)
     assert own["PYTHONPATH"] == "/ours"
-    assert "PYTHONPATH" not in environment_of(Interpreter(Path("/opt/python")), base)
+    assert "PYTHONPATH" not in environment_of(Interpreter(Path("/there/python")), base)
 
 
 @pytest.mark.parametrize(
