@@ -18,10 +18,18 @@ from methods.nview.lattices import remeshed
 from methods.stereo.settings import StereoSettings
 
 if TYPE_CHECKING:
+    from methods.stereo.consistency import StereoPoints
     from methods.stereo.pull import RoundReport
     from methods.stereo.views import StereoView
 
-__all__ = ["PulledSurface", "StereoTask", "hands_of", "pulled_to_photos", "stereo_parameters"]
+__all__ = [
+    "PulledSurface",
+    "StereoTask",
+    "agreed_points",
+    "hands_of",
+    "pulled_to_photos",
+    "stereo_parameters",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,29 +103,46 @@ def pulled_to_photos(
     """
     # Not at the top: Warp takes a second to start, and methods are listed without it.
     from methods.stereo.pull import pull
-    from methods.stereo.surface import finished, stereo_points
-    from methods.stereo.views import stereo_view
+    from methods.stereo.surface import finished
 
     settings = task.settings
-
-    def views() -> list[StereoView]:
-        # Read anew for each step: in full resolution they take as much memory as the pull does.
-        return [
-            stereo_view(capture.cameras[view], open_photo(capture, view).rgba)
-            for view in task.views
-        ]
-
     with context.stage("points"):
-        points = stereo_points(views(), start, settings)
+        points = agreed_points(start, capture, task)
         points = points.away_from(task.hands, settings.keep.hands_m)
     with context.stage("pull"):
         pulled = pull(start, points, settings.pulls, remeshed)
     mesh, rounds = pulled.mesh, pulled.rounds
     if task.narrow:
         with context.stage("narrow"):
-            finish = finished(mesh, views(), settings)
+            # Read anew: in full resolution the photos take as much memory as the pull does.
+            finish = finished(mesh, _stereo_views(capture, task), settings)
             mesh, rounds = finish.mesh, (*rounds, *finish.rounds)
     return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds))
+
+
+def agreed_points(start: Mesh, capture: Capture, task: StereoTask) -> StereoPoints:
+    """What the photos agree on around a start surface, also near the hands.
+
+    Args:
+        start: As of ``pulled_to_photos``.
+        capture: With the photos.
+        task: Which photos, and how.
+
+    Raises:
+        MethodError: a photo that does not fit its camera or shows nothing of the subject.
+    """
+    # Not at the top, as above.
+    from methods.stereo.surface import stereo_points
+
+    return stereo_points(_stereo_views(capture, task), start, task.settings)
+
+
+def _stereo_views(capture: Capture, task: StereoTask) -> list[StereoView]:
+    from methods.stereo.views import stereo_view
+
+    return [
+        stereo_view(capture.cameras[view], open_photo(capture, view).rgba) for view in task.views
+    ]
 
 
 def stereo_parameters(settings: StereoSettings) -> dict[str, dict[str, object]]:

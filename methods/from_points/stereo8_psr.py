@@ -17,7 +17,7 @@ from harness.core.artifacts import Capture, Reconstruction
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
-from harness.geometry.photo import open_photo
+from methods.photo_pull import StereoTask, agreed_points, hands_of
 from methods.points.cloud import OrientedPoints
 from methods.points.meshing import meshed
 from methods.points.settings import MeshSettings
@@ -71,17 +71,10 @@ class Stereo8Psr:
             MethodError: no person found, silhouettes that contradict each other, or no surface.
             MissingPart: the body model or MediaPipe is not installed.
         """
-        # Not at the top: Warp takes a second to start, and the method is listed without it.
-        from methods.stereo.surface import stereo_points
-        from methods.stereo.views import stereo_view
-
         begun = self._stereo.begun(capture, context)
+        task = StereoTask(begun.views, hands_of(begun.fitted), self._stereo.settings())
         with context.stage("points"):
-            views = [
-                stereo_view(capture.cameras[view], open_photo(capture, view).rgba)
-                for view in begun.views
-            ]
-            found = stereo_points(views, begun.start, self._stereo.settings())
+            found = agreed_points(begun.start, capture, task)
         points = OrientedPoints(found.positions, found.normals)
         with context.stage("mesh"):
             surfaces = meshed(points, self._mesh)
