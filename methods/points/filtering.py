@@ -18,6 +18,8 @@ __all__ = ["Kept", "WorldDepth", "kept_points"]
 
 #: The mask holds pixels that the subject covers at least half of.
 _COVERED = 0.5
+#: Flatter angles do not make pixels' points any further apart: depth edges are cut by then.
+_LEAST_FACING = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +103,13 @@ def kept_points(views: Sequence[WorldDepth], settings: KeepSettings) -> Kept:
         for view, found, mask in zip(views, normals, steps["normals"], strict=True)
     ]
     joined = OrientedPoints.joined(points)
-    keep = _near_others(joined.positions, settings)
+    spacing = np.concatenate(
+        [
+            _spacing_m(view, each.positions, each.normals)
+            for view, each in zip(views, points, strict=True)
+        ]
+    )
+    keep = _near_others(joined.positions, spacing, settings)
     shares["outliers"] = float(keep.mean()) if len(keep) else 0.0
     _refuse_nothing(shares)
     owner = np.repeat(np.arange(len(views)), [len(each) for each in points])
@@ -221,11 +229,21 @@ def _votes(points: Floats, other: WorldDepth, tolerance_m: float) -> Ints:
     return votes
 
 
-def _near_others(points: Floats, settings: KeepSettings) -> Mask:
+def _spacing_m(view: WorldDepth, points: Floats, normals: Floats) -> Floats:
+    """(N,) how far the next pixel's point is on a surface like a point's own, metres."""
+    sight = points - view.camera.position
+    depth = sight @ view.camera.forward
+    cosine = -np.einsum("ij,ij->i", sight, normals) / np.maximum(
+        np.linalg.norm(sight, axis=1), 1e-9
+    )
+    return depth / view.camera.K[0, 0] / np.maximum(cosine, _LEAST_FACING)
+
+
+def _near_others(points: Floats, spacing_m: Floats, settings: KeepSettings) -> Mask:
     from scipy.spatial import KDTree
 
     count = settings.outlier_neighbours
-    if settings.outlier_spread == 0 or len(points) <= count + 1:
+    if settings.outlier_spacing == 0 or len(points) <= count + 1:
         return np.ones(len(points), dtype=bool)
     distance = KDTree(points).query(points, k=count + 1, workers=-1)[0][:, 1:].mean(axis=1)
-    return np.asarray(distance <= distance.mean() + settings.outlier_spread * distance.std())
+    return np.asarray(distance <= settings.outlier_spacing * spacing_m)

@@ -46,8 +46,10 @@ class KeepSettings:
         consistency_m: A point goes where more views contradict it than confirm it: where it is
             beside their mask, or before their surface by more than this. 0 turns the step off.
         outlier_neighbours: A point is compared with so many nearest ones.
-        outlier_spread: It goes where its mean distance to them is above the mean of all by this
-            many standard deviations. 0 turns the step off.
+        outlier_spacing: It goes where its mean distance to them is above so many times the distance
+            of neighbouring pixels on a surface like its own. 0 turns the step off. The usual rule,
+            a distance far above the mean of all, takes what only one view sees: on an avatar's
+            true depth it made hands 2.6 mm worse instead of 0.3.
         normal_px: Half the window in which a pixel's normal is fitted.
     """
 
@@ -56,7 +58,7 @@ class KeepSettings:
     drop_share: float = 0.2
     consistency_m: float = 0.02
     outlier_neighbours: int = 16
-    outlier_spread: float = 2.0
+    outlier_spacing: float = 4.0
     normal_px: int = 2
 
     def __post_init__(self) -> None:
@@ -65,7 +67,7 @@ class KeepSettings:
         _check_range("drop_share", self.drop_share, 0.0, 0.95)
         _check_range("consistency_m", self.consistency_m, 0.0, 10.0)
         _check_range("outlier_neighbours", self.outlier_neighbours, 2, 200)
-        _check_range("outlier_spread", self.outlier_spread, 0.0, 100.0)
+        _check_range("outlier_spacing", self.outlier_spacing, 0.0, 1000.0)
         _check_range("normal_px", self.normal_px, 1, 20)
 
 

@@ -70,7 +70,7 @@ def views_of(mesh, cameras, **changes) -> list[WorldDepth]:
 
 def loose(**changes) -> KeepSettings:
     base = {"erode_px": 0, "edge": 10.0, "drop_share": 0.0, "consistency_m": 0.0}
-    return KeepSettings(**{**base, "outlier_spread": 0.0, **changes})
+    return KeepSettings(**{**base, "outlier_spacing": 0.0, **changes})
 
 
 def test_without_filters_every_covered_pixel_becomes_a_point(ball):
@@ -137,10 +137,18 @@ def test_lone_points_go(ball):
     depth[rows[::900], columns[::900]] -= 0.7
     # With a window of one pixel every lone point still has a normal.
     kept = kept_points([WorldDepth(views[0].camera, depth, views[0].coverage)],
-                       loose(outlier_spread=2.0, normal_px=1))  # fmt: skip
+                       loose(outlier_spacing=4.0, normal_px=1))  # fmt: skip
     radius = np.linalg.norm(kept.points.positions - ball.bounds.mean(axis=0), axis=1)
     assert radius.max() < 0.6
     assert kept.shares["outliers"] > 0.95
+
+
+def test_what_only_one_view_sees_is_no_outlier(ball):
+    """Four views of one place are denser than the one of another; both are all there is."""
+    near, far = RingRig().cameras(108, 192)[0], RingRig().cameras(108, 192)[4]
+    views = views_of(ball, [near, near, near, near, far])
+    kept = kept_points(views, loose(outlier_spacing=4.0))
+    assert kept.shares["outliers"] > 0.999
 
 
 def test_nothing_left_names_the_step():
