@@ -9,20 +9,29 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.atomic import atomic_directory, exclusive_lock, read_json, write_json
 from harness.core.files.hashing import file_sha256
+from harness.core.formats.typed_json import from_json, to_json
 from methods.feedforward.checkpoint import WEIGHTS_FILE, examined_weights
 from methods.feedforward.installed import InstalledNetwork
 from methods.foreign.interpreter import Interpreter
 from methods.foreign.manifest import read_worker
 
-__all__ = ["DA3", "MAPANYTHING", "VGGT", "NetworkPart", "find_da3", "find_mapanything", "find_vggt"]
+__all__ = [
+    "DA3",
+    "MAPANYTHING",
+    "VGGT",
+    "NetworkNote",
+    "NetworkPart",
+    "find_da3",
+    "find_mapanything",
+    "find_vggt",
+]
 
 _NOTE = "network.json"
 _SNAPSHOT = ("config.json", "model.safetensors")
@@ -40,6 +49,42 @@ def parts_folder() -> Path:
     data = Path(os.environ.get("XDG_DATA_HOME", ""))
     base = data if data.is_absolute() else Path.home() / ".local" / "share"
     return base / "mexecon-harness" / "parts"
+
+
+@dataclass(frozen=True, slots=True)
+class NotedFile:
+    """A file as it was written: its size and sha256."""
+
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkNote:
+    """What ``network.json`` holds.
+
+    Attributes:
+        title: What the weights are.
+        licence: Of the weights.
+        files: By name.
+        python: The interpreter that runs the network; empty is the harness's own.
+    """
+
+    title: str
+    licence: str
+    files: Mapping[str, NotedFile]
+    python: str
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files."""
+        return sum(file.bytes for file in self.files.values())
+
+    @property
+    def sha256(self) -> str:
+        """One digest for all files."""
+        lines = [f"{name} {file.sha256}" for name, file in sorted(self.files.items())]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,51 +146,59 @@ class NetworkPart:
                 )
             with atomic_directory(self.folder) as folder:
                 write(folder)
-                files = {path.name: _noted(path) for path in sorted(folder.iterdir())}
-                note: dict[str, object] = {
-                    "title": self.title,
-                    "licence": self.licence,
-                    "files": files,
-                    "python": str(python.absolute()) if python else "",
-                }
-                write_json(folder / _NOTE, note)
+                note = NetworkNote(
+                    title=self.title,
+                    licence=self.licence,
+                    files={path.name: _noted(path) for path in sorted(folder.iterdir())},
+                    python=str(python.absolute()) if python else "",
+                )
+                write_json(folder / _NOTE, to_json(note))
         return self.find()
+
+    def note(self) -> NetworkNote | None:
+        """What was noted when it was imported; None if it never was. No other file is looked at.
+
+        Raises:
+            DataError: the note is not right.
+        """
+        path = self.folder / _NOTE
+        if not path.is_file():
+            return None
+        return from_json(NetworkNote, read_json(path), path, "a note of an imported network")
 
     def find(self) -> InstalledNetwork:
         """The network as it was noted; its files are there, and of their sizes.
 
         Raises:
-            MissingPart: it was never imported, or files are gone; the hint is the next command.
+            MissingPart: it was never imported, or its interpreter is gone; the hint is the next
+                command.
             DataError: files are others than those that were written.
         """
-        note = self.folder / _NOTE
-        if not note.is_file():
+        note = self.note()
+        if note is None:
             raise MissingPart(
                 f"the part '{self.name}' ({self.title}) is not imported",
                 hint=f"Get it from {self.source}, then run: {self.command}",
             )
-        entries = read_json(note)
-        files: dict[str, dict[str, Any]] = entries["files"]
-        for name, entry in files.items():
+        for name, entry in note.files.items():
             path = self.folder / name
-            if not path.is_file() or path.stat().st_size != entry["bytes"]:
+            if not path.is_file() or path.stat().st_size != entry.bytes:
                 raise DataError(
                     f"{path} is not the file that was imported",
                     hint=f"Run: {self.command} --replace",
                 )
-        lines = "\n".join(f"{name} {entry['sha256']}" for name, entry in sorted(files.items()))
         return InstalledNetwork(
-            title=entries["title"],
-            licence=entries["licence"],
-            sha256=hashlib.sha256(lines.encode()).hexdigest(),
+            title=note.title,
+            licence=note.licence,
+            sha256=note.sha256,
             weights=self.folder / self.weights,
-            bytes=sum(entry["bytes"] for entry in files.values()),
-            interpreter=_interpreter(Path(entries["python"]) if entries["python"] else None),
+            bytes=note.bytes,
+            interpreter=Interpreter(Path(note.python) if note.python else None),
         )
 
 
-def _noted(path: Path) -> dict[str, object]:
-    return {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+def _noted(path: Path) -> NotedFile:
+    return NotedFile(path.stat().st_size, file_sha256(path))
 
 
 def _interpreter(python: Path | None) -> Interpreter:
