@@ -14,6 +14,8 @@ from methods.feedforward.parts import find_da3, find_mapanything, find_vggt
 from methods.feedforward.source import Dialect, NetworkSettings, NetworkSource
 from methods.feedforward.vggt import Vggt
 from methods.points.method import PointsMethod
+from methods.publications.points import VGGT_ROW
+from methods.publications.published import Published
 
 __all__ = ["da3_8", "mapanything8", "vggt2", "vggt8"]
 
@@ -24,16 +26,19 @@ _FRONT_BACK = (0, 4)
 def _method(
     name: str,
     views: tuple[int, ...],
-    dialect: Dialect,
-    find: Find,
+    source: tuple[Dialect, Find],
     settings: NetworkSettings,
+    published: Published | None = None,
 ) -> PointsMethod:
-    return PointsMethod(name, views, NetworkSource(dialect, find, settings, len(views)))
+    network = NetworkSource(*source, settings, len(views))
+    return PointsMethod(name, views, network, published=published)
 
 
-vggt8 = _method("vggt8", _RING, Vggt(), find_vggt, NetworkSettings())
-vggt2 = _method("vggt2", _FRONT_BACK, Vggt(), find_vggt, NetworkSettings())
-da3_8 = _method("da3-8", _RING, DepthAnything3(), find_da3, NetworkSettings(side=504, fit="fit"))
+_VGGT = (Vggt(), find_vggt)
+
+vggt8 = _method("vggt8", _RING, _VGGT, NetworkSettings(), VGGT_ROW)
+vggt2 = _method("vggt2", _FRONT_BACK, _VGGT, NetworkSettings())
+da3_8 = _method("da3-8", _RING, (DepthAnything3(), find_da3), NetworkSettings(side=504, fit="fit"))
 mapanything8 = _method(
-    "mapanything8", _RING, MapAnything(), find_mapanything, NetworkSettings(fit="fit")
+    "mapanything8", _RING, (MapAnything(), find_mapanything), NetworkSettings(fit="fit")
 )

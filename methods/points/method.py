@@ -24,6 +24,7 @@ from methods.points.meshing import meshed
 from methods.points.onto_scan import moved_onto
 from methods.points.settings import AlignSettings, KeepSettings, MeshSettings
 from methods.points.sources import Estimate, PointSource, SourceRequest
+from methods.publications.published import Published
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -56,6 +57,7 @@ class PointsMethod:
         views: Of the capture, counted from the front.
         source: Where depth and cameras come from.
         rooms: Settings; None takes the defaults, with the source's first alignment.
+        published: What the publication whose name the method carries says; None if none.
 
     Raises:
         HarnessError: an alignment that makes no sense for the source.
@@ -67,8 +69,10 @@ class PointsMethod:
         views: tuple[int, ...],
         source: PointSource,
         rooms: PointsRooms | None = None,
+        published: Published | None = None,
     ) -> None:
         self._name, self._views, self._source = name, views, source
+        self._published = published
         self._rooms = rooms or PointsRooms(align=AlignSettings(source.alignments[0]))
         mode = self._rooms.align.mode
         if mode not in source.alignments:
@@ -85,13 +89,15 @@ class PointsMethod:
         given = [Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS, *source.privileges]
         if mode == "oracle_icp":
             given.append(Privilege.GROUND_TRUTH_MESH)
+        parameters = {name: asdict(room) for name, room in self._all_rooms().items()}
         return MethodInfo(
             name=self._name,
             title=f"{source.title}, {len(self._views)} views, {mode}",
             views=self._views,
             parts=source.parts,
             privileges=tuple(dict.fromkeys(given)),
-            parameters={name: asdict(room) for name, room in self._all_rooms().items()},
+            parameters=parameters,
+            deviations=self._published.deviations(parameters) if self._published else (),
         )
 
     def _all_rooms(self) -> dict[str, DataclassInstance]:
@@ -106,7 +112,7 @@ class PointsMethod:
         changed = {name: overridden(room, own[name]) for name, room in rooms.items()}
         source = self._source.with_rooms({name: changed[name] for name in self._source.rooms})
         shared = overridden_rooms(self._rooms, own)
-        return PointsMethod(self._name, self._views, source, shared)
+        return PointsMethod(self._name, self._views, source, shared, self._published)
 
     def require_installed(self) -> None:
         """Nothing, if the method can run here.

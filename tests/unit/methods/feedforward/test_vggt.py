@@ -100,6 +100,17 @@ def test_without_weights_the_next_command_is_said(parts_folder):
     assert info.parts == ()
 
 
+def test_what_is_not_the_papers_is_listed_with_its_reason():
+    listed = {entry.what: entry for entry in vggt8.info.deviations}
+    assert {"network.fit", "keep.drop_share", "alignment", "surface"} <= set(listed)
+    assert listed["alignment"].published == "not stated"
+    assert all(entry.why for entry in listed.values())
+    as_published = vggt8.configured({"network.fit": "crop", "keep.drop_share": "0.5"}).info
+    assert not {"network.fit", "keep.drop_share"} & {e.what for e in as_published.deviations}
+    # Two views are no row of the paper.
+    assert vggt2.info.deviations == ()
+
+
 def test_without_the_package_the_next_command_is_said(parts_folder, weights):
     """The harness's own environment has no vggt package here."""
     with pytest.raises(MissingPart, match="pip install") as error:
