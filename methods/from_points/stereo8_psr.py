@@ -17,6 +17,7 @@ from harness.core.artifacts import Capture, Reconstruction
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
+from harness.geometry.photo import open_photo
 from methods.photo_pull import StereoTask, agreed_points, hands_of
 from methods.points.cloud import OrientedPoints
 from methods.points.meshing import meshed
@@ -77,7 +78,8 @@ class Stereo8Psr:
             found = agreed_points(begun.start, capture, task)
         points = OrientedPoints(found.positions, found.normals)
         with context.stage("mesh"):
-            surfaces = meshed(points, self._mesh)
+            outlines = [open_photo(capture, view).outline for view in begun.views]
+            surfaces = meshed(points, self._mesh, outlines)
         if context.keep:
             save_mesh(context.workdir / "closed.ply", surfaces.closed)
             if surfaces.trimmed is not None:

@@ -8,6 +8,7 @@ better depends on the number, so that both can be had.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +17,11 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.outline import Outline
 from harness.geometry.topology import largest_piece, open_edges
 from methods.points.cloud import OrientedPoints
 from methods.points.settings import MeshSettings
+from methods.points.silhouettes import held_to
 from methods.surface.fusion import one_piece
 
 __all__ = ["Surfaces", "meshed"]
@@ -61,8 +64,15 @@ class Surfaces:
         return found
 
 
-def meshed(points: OrientedPoints, settings: MeshSettings) -> Surfaces:
+def meshed(
+    points: OrientedPoints, settings: MeshSettings, outlines: Sequence[Outline] = ()
+) -> Surfaces:
     """The surface through points, closed, and trimmed where that is asked for; world metres.
+
+    Args:
+        points: Oriented.
+        settings: How.
+        outlines: The silhouettes that it may be held to.
 
     Raises:
         MethodError: too few points, or a surface that is not closed or faces inwards.
@@ -76,6 +86,8 @@ def meshed(points: OrientedPoints, settings: MeshSettings) -> Surfaces:
             hint="Loosen the settings of 'keep'",
         )
     whole, density, margin = _closed_poisson(thin, settings.depth)
+    if settings.silhouettes == "held":
+        whole = held_to(whole, outlines)
     closed = one_piece(whole)
     if settings.trim == 0:
         return Surfaces(closed, None, margin)

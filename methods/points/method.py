@@ -150,7 +150,8 @@ class PointsMethod:
             kept = kept_points(aligned.views, self._rooms.keep)
             kept, moved = _onto(kept, truth if mode == "oracle_icp" else None)
         with context.stage("mesh"):
-            surfaces = meshed(kept.points, self._rooms.mesh)
+            outlines = [photo.outline for photo in photos]
+            surfaces = meshed(kept.points, self._rooms.mesh, outlines)
         if context.keep:
             save_mesh(context.workdir / "closed.ply", surfaces.closed)
             if surfaces.trimmed is not None:

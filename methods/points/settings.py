@@ -79,15 +79,19 @@ class MeshSettings:
         cell_m: Points that face the same way are averaged in cells of this size; 0 keeps all.
         depth: Depth of the octree of the screened Poisson reconstruction; at 9 a finest cell is
             4.4 mm on a standing adult.
+        silhouettes: ``held`` presses what bulges beyond a mask back to its outline; ``ignored`` is
+            the plain way.
         trim: The surface loses this share of its vertices, those with the fewest points around. It
             is open then; 0 leaves it closed. With ``--keep`` both are written.
     """
 
     cell_m: float = 0.002
     depth: int = 9
+    silhouettes: str = "ignored"
     trim: float = 0.0
 
     def __post_init__(self) -> None:
         _check_range("cell_m", self.cell_m, 0.0, 0.1)
         _check_range("depth", self.depth, 4, 12)
+        check_choice("silhouettes", self.silhouettes, ("ignored", "held"))
         _check_range("trim", self.trim, 0.0, 0.9)

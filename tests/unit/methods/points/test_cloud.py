@@ -8,6 +8,8 @@ import pytest
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import MethodError
+from harness.core.mesh import Mesh
+from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import open_edges, pieces_of
@@ -16,6 +18,7 @@ from methods.points.filtering import WorldDepth, kept_points
 from methods.points.meshing import meshed
 from methods.points.normals import grid_normals
 from methods.points.settings import KeepSettings, MeshSettings
+from methods.points.silhouettes import held_to
 
 CAMERA = RingRig().cameras(108, 192)[1]
 
@@ -205,6 +208,26 @@ def test_where_no_point_is_the_surface_bulges_and_a_trim_opens_it(ball):
         for mesh in (trimmed.closed, trimmed.chosen)
     )
     assert far_trimmed < far_closed
+
+
+def test_bulges_beyond_the_masks_are_pressed_back(ball):
+    """A sphere with 5 cm more below it: masks of the true one take them away, and nothing else."""
+    cameras = RingRig().cameras(270, 480)
+    caster = Raycaster(ball)
+    outlines = [Outline(camera, caster.coverage(camera)) for camera in cameras]
+    centre = ball.bounds.mean(axis=0)
+    below = np.clip(-(ball.vertices[:, 1] - centre[1]) / 0.5, 0, 1) ** 4
+    bulged = Mesh(ball.vertices - np.outer(0.05 * below, [0, 1, 0]), ball.faces)
+
+    held = held_to(bulged, outlines)
+    assert bulged.vertices[:, 1].min() == pytest.approx(centre[1] - 0.55)
+    assert held.vertices[:, 1].min() == pytest.approx(centre[1] - 0.5, abs=0.008)
+    off = SurfaceIndex(ball).closest(held.vertices)[1]
+    assert off.max() < 0.015
+    assert open_edges(held) == 0
+    inside = np.min([outline.distance_m(bulged.vertices) for outline in outlines], axis=0) > 0
+    np.testing.assert_array_equal(held.vertices[inside], bulged.vertices[inside])
+    assert inside.mean() > 0.5
 
 
 def test_a_handful_of_points_is_no_surface(ball):
