@@ -74,7 +74,7 @@ class NormalChoice:
     Attributes:
         kind: ``body``, ``oracle``, ``open`` (the network that is shipped) or ``onnx`` (another).
         model: For ``onnx``: a file, which has a slash or ends in ``.onnx``, or the name of a
-            network that was imported with ``harness weights import``.
+            network that was imported with ``harness parts import normals-onnx``.
 
     Raises:
         HarnessError: another kind; ``onnx`` without a network, or a network without ``onnx``.
