@@ -15,6 +15,7 @@ __all__ = ["KINDS", "all_kinds", "part_kind"]
 KINDS = Registry(
     "kind of part",
     {
+        "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
         "normals-onnx": "methods.normals.network_parts:NETWORKS",
     },
 )

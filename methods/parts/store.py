@@ -11,6 +11,7 @@ import functools
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Protocol
 
@@ -22,7 +23,7 @@ from harness.core.formats.typed_json import from_json, to_json
 from methods.parts.folders import parts_folder
 from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck, State
 
-__all__ = ["ConvertedKind", "Examined", "StoredPart"]
+__all__ = ["ConvertedKind", "Examine", "Examined", "StoredPart"]
 
 _NOTE = "part.json"
 
@@ -115,12 +116,13 @@ class ConvertedKind:
 
     Attributes:
         about: What it is.
-        examine: Reads a file of it.
+        examiner: ``"module:function"`` of an ``Examine``. It is imported when a file is: a
+            conversion needs PyTorch, and its code need not count where its result is used.
         uses: The command that uses a part, with ``{name}`` for the part's.
     """
 
     about: About
-    examine: Examine
+    examiner: str
     uses: str
 
     @property
@@ -169,7 +171,7 @@ class ConvertedKind:
         options.require_taken_by(self.about)
         require_file(file)
         source = _File.of(file)
-        examined = self.examine(file, options)
+        examined = self._examine()(file, options)
         name = options.name or examined.name
         if not is_name(name):
             raise HarnessError(f"a part cannot be called '{name}'", expected=NAME_RULE)
@@ -199,6 +201,16 @@ class ConvertedKind:
     def usage(self, part: InstalledPart) -> str:
         """The command that uses a part."""
         return self.uses.format(name=part.name)
+
+    def _examine(self) -> Examine:
+        try:
+            found: Examine = EntryPoint(name="", value=self.examiner, group="").load()
+        except ImportError as error:
+            raise MissingPart(
+                f"what imports '{self.about.name}' could not be loaded: {error}",
+                hint="Run 'harness doctor' to see what is missing and how to install it",
+            ) from error
+        return found
 
     def _require_free(self, name: str, source: _File, *, replace: bool) -> None:
         before = {note.name: note for note in self._notes()}.get(name)

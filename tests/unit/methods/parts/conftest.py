@@ -40,18 +40,11 @@ ABOUT = About(
 
 
 @pytest.fixture
-def parts(tmp_path, monkeypatch) -> Path:
-    """The user's own folder, which need not exist."""
-    monkeypatch.setenv("HARNESS_PARTS", str(tmp_path / "parts"))
-    monkeypatch.setenv("HARNESS_WEIGHTS", str(tmp_path / "weights"))
-    return tmp_path / "parts"
-
-
-@pytest.fixture
 def toy(parts, monkeypatch) -> ConvertedKind:
     """The kind, as the only one in the catalogue."""
-    kind = ConvertedKind(ABOUT, examine, "harness eval --toy {name}")
-    monkeypatch.setitem(sys.modules, "toy_kind", types.SimpleNamespace(TOY=kind))
+    kind = ConvertedKind(ABOUT, "toy_kind:examine", "harness eval --toy {name}")
+    module = types.SimpleNamespace(TOY=kind, examine=examine)
+    monkeypatch.setitem(sys.modules, "toy_kind", module)
     monkeypatch.setattr(catalog, "KINDS", Registry("kind of part", {"toy": "toy_kind:TOY"}))
     return kind
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -121,6 +122,11 @@ def test_files_that_are_not_the_ones_are_not_used(toy, toy_file):
     assert toy.check(part).state == State.MISSING
     with pytest.raises(MissingPart, match="no file at.*import toy toy.txt --replace"):
         toy.find()
+
+
+def test_a_conversion_that_cannot_be_loaded_is_a_missing_part(toy, toy_file):
+    with pytest.raises(MissingPart, match="what imports 'toy' could not be loaded.*nowhere"):
+        replace(toy, examiner="nowhere:examine").add(toy_file, SILENT)
 
 
 @pytest.mark.parametrize(
