@@ -16,6 +16,7 @@ KINDS = Registry(
     "kind of part",
     {
         "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
+        "ifnet": "methods.surface.ifnet.part:IFNET",
         "normals-onnx": "methods.normals.network_parts:NETWORKS",
     },
 )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 from torch import nn
 
 from harness.core.errors import MethodError
-from methods.parts.onnx_session import answers, open_session
 
-__all__ = ["Graph", "bare", "filled", "shapes_of", "write_onnx"]
+__all__ = ["Graph", "bare", "filled", "require_equal", "shapes_of", "write_onnx"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,29 +68,23 @@ def filled(
 
 
 def write_onnx(
-    network: nn.Module, path: Path, graph: Graph, trial: Mapping[str, Any], tolerance: float
+    network: nn.Module, path: Path, graph: Graph, trial: Mapping[str, torch.Tensor]
 ) -> None:
-    """Write a network as ONNX, and compare what both runtimes make of a trial.
+    """Write a network as ONNX; follow it by ``require_equal`` on what the file answers.
 
     Args:
         network: On the CPU, without gradients.
         path: The ``.onnx`` file.
         graph: How it is called.
         trial: A tensor for each input.
-        tolerance: The greatest difference, as a share of the largest value.
-
-    Raises:
-        MissingPart: onnxruntime is not installed.
-        MethodError: the file answers otherwise than the network.
     """
-    inputs = tuple(trial[name] for name in graph.inputs)
     with warnings.catch_warnings():
         # The newer exporter needs another package for the same graph. What this one warns of, sizes
-        # that it takes for constant, would show in the comparison below.
+        # that it takes for constant, shows in the answers.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network,
-            inputs,
+            tuple(trial[name] for name in graph.inputs),
             str(path),
             dynamo=False,
             input_names=list(graph.inputs),
@@ -100,16 +92,30 @@ def write_onnx(
             dynamic_axes={name: dict(axes) for name, axes in graph.moving.items()},
             opset_version=graph.opset,
         )
-    with torch.no_grad():
-        wanted = network(*inputs)
-    wanted = [wanted] if isinstance(wanted, torch.Tensor) else list(wanted)
-    feeds = {name: value.numpy() for name, value in trial.items()}
-    found = answers(open_session(path), path.name, feeds)
-    for name, got, true in zip(graph.outputs, found, wanted, strict=True):
+
+
+def require_equal(
+    what: str,
+    found: Sequence[NDArray[np.float32]],
+    wanted: Sequence[torch.Tensor],
+    tolerance: float,
+) -> None:
+    """Refuse a file that answers otherwise than the network that it was written from.
+
+    Args:
+        what: The network, for the message.
+        found: Outputs of the file.
+        wanted: Outputs of the network.
+        tolerance: The greatest difference, as a share of an output's largest value.
+
+    Raises:
+        MethodError: one output differs more.
+    """
+    for got, true in zip(found, wanted, strict=True):
         off = float(np.abs(got - true.numpy()).max() / max(float(true.abs().max()), 1e-30))
         if not off <= tolerance:
             raise MethodError(
-                f"the ONNX file of {path.stem} does not answer as the network does in '{name}'",
+                f"the ONNX file of {what} does not answer as the network does",
                 expected=f"within {tolerance} of the largest value",
                 got=f"{off:.2g}",
             )

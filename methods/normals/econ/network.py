@@ -11,6 +11,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from methods.parts.torch_layers import InstanceNorm
+
 __all__ = ["NormalGenerator"]
 
 _HALVINGS, _BLOCKS = 4, 9
@@ -26,11 +28,11 @@ class _Block(nn.Module):
         self.conv_block = nn.Sequential(
             nn.ReflectionPad2d(1),
             nn.Conv2d(channels, channels, 3),
-            nn.InstanceNorm2d(channels),
+            InstanceNorm(),
             nn.ReLU(),
             nn.ReflectionPad2d(1),
             nn.Conv2d(channels, channels, 3),
-            nn.InstanceNorm2d(channels),
+            InstanceNorm(),
         )
 
     def forward(self, features: Tensor) -> Tensor:
@@ -74,4 +76,4 @@ class NormalGenerator(nn.Module):
 
 
 def _normalised(layer: nn.Conv2d | nn.ConvTranspose2d) -> list[nn.Module]:
-    return [layer, nn.InstanceNorm2d(layer.out_channels), nn.ReLU()]
+    return [layer, InstanceNorm(), nn.ReLU()]
