@@ -17,6 +17,7 @@ KINDS = Registry(
     {
         "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
         "ifnet": "methods.surface.ifnet.part:IFNET",
+        "pixie": "methods.body.pixie.part:PIXIE",
         "normals-onnx": "methods.normals.network_parts:NETWORKS",
     },
 )
