@@ -111,7 +111,8 @@ class BodyFit:
         def normals_in(own: Views, world_to_fit: Floats) -> NormalsOf:
             cameras = tuple(camera.in_frame(world_to_fit) for camera in capture.cameras)
             moved = replace(capture, cameras=cameras)
-            return EstimatedNormals(moved, own, body.faces, NormalChoice("open"))
+            choice = NormalChoice(self.settings.normals)
+            return EstimatedNormals(moved, own, body.faces, choice)
 
         wants_network = self.settings.wants_network
         return fit_body(body, views, self.settings, context, normals_in if wants_network else None)
@@ -133,7 +134,7 @@ def _parts(settings: FitSettings) -> tuple[Part, ...]:
     return (
         body_part(settings.model, settings.model_file),
         detection.part(),
-        *((NormalChoice("open").part,) if settings.wants_network else ()),
+        *((NormalChoice(settings.normals).part,) if settings.wants_network else ()),
     )
 
 

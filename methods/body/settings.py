@@ -21,7 +21,8 @@ class FitSettings(Weights):
         start: What JMBO starts from: ``average`` (the paper) or ``landmarks``, one body fitted to
             the landmarks of all views, which also finds views with left and right exchanged.
         normals: What the normal term compares the body with: ``off``; ``open``, the network that is
-            shipped; or ``oracle``, rendered from the scan, a privilege.
+            shipped; ``econ``, ECON's own, which the user imported; or ``oracle``, rendered from
+            the scan, a privilege.
         depth: What tells a single view how far away the subject is: ``height-prior``, how tall the
             body model takes people to be, or ``subject-centre``, a privilege.
         subject_px: Longer side of the subject in the pictures that the fit works on.
@@ -41,7 +42,7 @@ class FitSettings(Weights):
             ("model", ("anny", "smplx")),
             ("stage", ("front", "average", "landmarks", "jmbo")),
             ("start", ("average", "landmarks")),
-            ("normals", ("off", "open", "oracle")),
+            ("normals", ("off", "open", "econ", "oracle")),
             ("depth", ("height-prior", "subject-centre")),
         ):
             check_choice(name, getattr(self, name), known)
@@ -54,7 +55,7 @@ class FitSettings(Weights):
     @property
     def wants_network(self) -> bool:
         """Whether a normal network is run."""
-        return self.compares_normals and self.normals == "open"
+        return self.compares_normals and self.normals in ("open", "econ")
 
     @property
     def uses_oracle(self) -> bool:

@@ -338,4 +338,5 @@ ECON = Published(
         *(_INITIAL_BODY, *_LANDMARKS, _CAMERA, _SINGLE_VIEW_DEPTH),
         *(*_FIT, *_ECON_FIT, *_SURFACE, *_ECON_SURFACE),
     ),
+    {"normals": "surface.normals"},
 )

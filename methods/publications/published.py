@@ -28,12 +28,14 @@ class Published:
             publication does not have; ``None`` stands for a setting that follows from the photos.
         reasons: Why a setting differs by default, by ``room.setting``.
         steps: Differences that no setting shows.
+        ended_by: Steps, by name, that are no differences where a ``room.setting`` is as published.
     """
 
     source: str
     settings: Mapping[str, object]
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     steps: tuple[Deviation, ...] = ()
+    ended_by: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def deviations(self, parameters: Mapping[str, Mapping[str, object]]) -> tuple[Deviation, ...]:
         """Every difference of a method with these nested parameters, settings first."""
@@ -47,4 +49,6 @@ class Published:
             if here != published:
                 why = self.reasons.get(path, SET_BY_USER)
                 found.append(Deviation(path, str(published), str(here), why))
-        return (*found, *self.steps)
+        differing = {deviation.what for deviation in found}
+        ended = {step for step, path in self.ended_by.items() if path not in differing}
+        return (*found, *(step for step in self.steps if step.what not in ended))
