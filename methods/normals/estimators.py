@@ -26,7 +26,7 @@ __all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
 
-_KINDS = ("body", "oracle", "open", "econ", "onnx")
+_KINDS = ("body", "oracle", "open", "onnx", "econ")
 _PRIVILEGE = Privilege.ORACLE_NORMALS
 
 

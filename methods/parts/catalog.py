@@ -16,7 +16,7 @@ KINDS = Registry(
     "kind of part",
     {
         "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
-        "ifnet": "methods.surface.ifnet.part:IFNET",
+        "ifnet": "methods.ifnet.part:IFNET",
         "pixie": "methods.body.pixie.part:PIXIE",
         "normals-onnx": "methods.normals.network_parts:NETWORKS",
     },

@@ -20,6 +20,6 @@ IFNET = ConvertedKind(
         "ckpt/",
         files=("ifnet.ckpt",),
     ),
-    "methods.surface.ifnet.convert:examine",
+    "methods.ifnet.convert:examine",
     "harness parts verify {name}",
 )
