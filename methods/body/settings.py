@@ -16,7 +16,8 @@ class FitSettings(Weights):
 
     Attributes:
         model: The body model, ``anny`` or ``smplx``.
-        model_file: The user's own SMPL-X model file, for ``smplx``.
+        model_file: The user's own SMPL-X model, for ``smplx``: a file, which has a slash or ends in
+            .npz or .pkl, or the name of an imported one; empty is the imported neutral one.
         stage: How far the fit goes: ``front``, ``average``, ``landmarks`` or ``jmbo``.
         start: What JMBO starts from: ``average`` (the paper) or ``landmarks``, one body fitted to
             the landmarks of all views, which also finds views with left and right exchanged.

@@ -18,6 +18,7 @@ KINDS = Registry(
         "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
         "ifnet": "methods.ifnet.part:IFNET",
         "pixie": "methods.body.pixie.part:PIXIE",
+        "smplx": "methods.body.models.smplx_part:SMPLX",
         "normals-onnx": "methods.normals.network_parts:NETWORKS",
     },
 )

@@ -119,11 +119,13 @@ class ConvertedKind:
         examiner: ``"module:function"`` of an ``Examine``. It is imported when a file is: a
             conversion needs PyTorch, and its code need not count where its result is used.
         uses: The command that uses a part, with ``{name}`` for the part's.
+        preferred: The part that is meant where there are several and none is named.
     """
 
     about: About
     examiner: str
     uses: str
+    preferred: str = ""
 
     @property
     def folder(self) -> Path:
@@ -138,7 +140,8 @@ class ConvertedKind:
         """A part whose files are what they were; they are read once a process.
 
         Args:
-            name: Which one; empty is the only one, or the one that is called like its kind.
+            name: Which one; empty is the only one, the preferred one, or the one that is called
+                like its kind.
 
         Raises:
             MissingPart: there is none of that name, or one of its files is gone.
@@ -147,7 +150,7 @@ class ConvertedKind:
         notes = {note.name: note for note in self._notes()}
         if not name and len(notes) == 1:
             name = next(iter(notes))
-        note = notes.get(name or self.about.name)
+        note = notes.get(name or self.preferred or self.about.name)
         if note is None:
             if notes and not name:
                 raise MissingPart(

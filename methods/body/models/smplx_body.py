@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from methods.body.models.anatomy import blend_landmarks, free_joint, table
 from methods.body.models.model import MAIN_JOINTS, FreeJoint, LandmarkTable, Parameters, Posed
-from methods.body.models.parts import body_part
 from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
+from methods.body.models.smplx_part import model_path, smplx_part
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -60,9 +60,8 @@ class SmplxBody:
         import torch
         from smplx.joint_names import JOINT_NAMES
 
-        path = Path(model_file) if model_file else None
-        self._model = load_model(path)
-        self.part = body_part(self.name, str(model_file))
+        self._model = load_model(model_path(str(model_file)))
+        self.part = smplx_part(str(model_file))
         self.faces: NDArray[np.int32] = np.asarray(self._model.faces).astype(np.int32)
         self.joint_names = tuple(JOINT_NAMES[:JOINTS])
         self.roles: Mapping[str, int] = {
