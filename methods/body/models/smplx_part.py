@@ -9,7 +9,7 @@ from harness.core.protocols import Part
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["MODEL", "NAMES", "SMPLX", "model_path", "smplx_part"]
+__all__ = ["MODEL", "NAMES", "SMPLX", "is_pixies", "model_path", "smplx_part"]
 
 #: The file of a part.
 MODEL = "model.npz"
@@ -62,6 +62,17 @@ def smplx_part(model_file: str) -> Part:
     if not model_file and not SMPLX.installed():
         return Part(role, "SMPL-X", licence)
     return SMPLX.find(model_file).installed.part(role)
+
+
+def is_pixies(model_file: str) -> bool:
+    """Whether the setting ``body.model_file`` stands for the model that PIXIE was made with.
+
+    Raises:
+        MissingPart, DataError: as ``model_path``.
+    """
+    if _is_file(model_file):
+        return Path(model_file).stem == NAMES[-1]
+    return bool(SMPLX.installed()) and SMPLX.find(model_file).installed.name == NAMES[-1]
 
 
 def _is_file(model_file: str) -> bool:

@@ -22,5 +22,5 @@ PIXIE = ConvertedKind(
         files=("pixie_model.tar",),
     ),
     "methods.body.pixie.convert:examine",
-    "harness parts verify {name}",
+    "harness eval --method mexecon8 --set body.model=smplx --set body.start=pixie",
 )

@@ -10,7 +10,7 @@ from harness.core.errors import DataError, HarnessError, MissingPart
 from methods.body.models.choice import body_model
 from methods.body.models.model import neutral
 from methods.body.models.parts import body_part
-from methods.body.models.smplx_part import NAMES, SMPLX, model_path
+from methods.body.models.smplx_part import NAMES, SMPLX, is_pixies, model_path
 from methods.parts.kind import ImportOptions
 
 
@@ -55,6 +55,12 @@ def test_a_file_of_another_name_is_named_by_the_user(parts, files):
     assert SMPLX.add(files["mine"], ImportOptions(name=NAMES[0])).title.endswith(
         "(20 shape and expression directions)"
     )
+    assert not is_pixies("")
+    assert not is_pixies(str(files["SMPLX_NEUTRAL"]))
+    SMPLX.add(files["mine"], ImportOptions(name="SMPLX_NEUTRAL_2020"))
+    assert is_pixies("SMPLX_NEUTRAL_2020")
+    assert is_pixies("models/SMPLX_NEUTRAL_2020.npz")
+    assert not is_pixies("")
 
 
 def test_another_file_is_refused(parts, tmp_path):
