@@ -31,6 +31,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate as carry_out
+from harness.pipeline.run.part_choice import OPEN, parsed_parts
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
 
@@ -57,6 +58,15 @@ Keep = Annotated[
         "contact sheet of the stages.",
     ),
 ]
+Parts = Annotated[
+    str,
+    typer.Option(
+        "--parts",
+        metavar="CHOICE",
+        help="Parts to run with: open; paper, which are those that you imported; or pairs such as "
+        "normals=econ,body=smplx,start=pixie.",
+    ),
+]
 
 
 @app.command()
@@ -77,6 +87,7 @@ def evaluate(
             "settings of one method can be compared in one run.",
         ),
     ] = "",
+    parts: Parts = OPEN,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
     ] = 0,
@@ -104,7 +115,9 @@ def evaluate(
     place = Workspace.default(workspace)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=chosen_methods(split_names(method), parsed_settings(settings), row),
+        methods=chosen_methods(
+            split_names(method), parsed_settings(settings), row, parsed_parts(parts)
+        ),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),
         seed=seed,
@@ -127,6 +140,9 @@ def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
         return
     for cell in cells:
         print(f"{cell.method.row:18} {cell.subject:10} {cell.state:7} {cell.why}")
+    for chosen in request.methods:
+        used = "; ".join(f"{part.role} {part.name} ({part.licence})" for part in chosen.info.parts)
+        print(f"{chosen.row:18} parts: {used or 'none'}")
     waiting = sum(cell.state == "run" for cell in cells)
     print(f"{waiting} of {len(cells)} cells would run")
 

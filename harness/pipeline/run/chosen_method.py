@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name
 from harness.core.protocols import Configurable, Method, MethodInfo
+from harness.pipeline.run.part_choice import PartChoice
 from methods.catalog import METHODS
 
 __all__ = ["Catalogued", "ChosenMethod", "catalogued_methods", "chosen_methods"]
@@ -92,14 +93,18 @@ def _check_row(row: str, settings: Mapping[str, str]) -> None:
 
 
 def chosen_methods(
-    names: Sequence[str], settings: Mapping[str, str], row: str = ""
+    names: Sequence[str],
+    settings: Mapping[str, str],
+    row: str = "",
+    parts: PartChoice | None = None,
 ) -> tuple[ChosenMethod, ...]:
     """The methods of some names, all with the same settings.
 
     Args:
         names: In the catalogue.
-        settings: As text by name.
+        settings: What a user set, as text by name; it counts more than the parts.
         row: What the records of the only method are called, if not by its name.
+        parts: Parts that a user chose; None leaves each method its own.
 
     Raises:
         HarnessError: several methods for one row, or as ``ChosenMethod.of``.
@@ -108,7 +113,13 @@ def chosen_methods(
         raise HarnessError(
             f"row '{row}' can be of one method only", got=", ".join(names), hint="Run one at a time"
         )
-    return tuple(ChosenMethod.of(name, settings, row) for name in names)
+    if parts is None or not parts.papers:
+        return tuple(ChosenMethod.of(name, settings, row) for name in names)
+    found = []
+    for name in names:
+        exchanged = parts.settings(ChosenMethod.of(name, {}).info)
+        found.append(ChosenMethod.of(name, {**exchanged, **settings}, row))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
