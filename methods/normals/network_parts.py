@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from methods.normals import installed
+from methods.normals.recipes import RECIPES, prepared
 from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck
+from methods.parts.store import require_file
 
 __all__ = ["NETWORKS"]
 
@@ -19,9 +22,11 @@ class _Networks:
         role="normal estimator",
         purpose="a network that turns a photo into normals of clothes",
         licence="as the file says",
-        source="open-normals is shipped; 'harness train normals' trains another one",
+        source="open-normals is shipped; 'harness train normals' trains another one; for photos of "
+        "real people take DAViD's surface normal model (MIT, https://aka.ms/DAViD), with "
+        f"--recipe {next(iter(RECIPES))}",
         files=("FILE.onnx",),
-        takes=("name", "ship"),
+        takes=("name", "ship", "recipe"),
     )
 
     def installed(self) -> Sequence[InstalledPart]:
@@ -33,8 +38,14 @@ class _Networks:
         """Check a network and copy it; see ``PartKind``."""
         options.require_taken_by(self.about)
         place = installed.shipped_place() if options.ship else installed.imported_place()
-        name = options.name or file.stem
-        return _described(installed.import_file(file, name, place, replace=options.replace))
+        name = options.name or options.recipe or file.stem
+        if not options.recipe:
+            return _described(installed.import_file(file, name, place, replace=options.replace))
+        require_file(file)
+        with tempfile.TemporaryDirectory(prefix="network-") as folder:
+            made = Path(folder) / f"{options.recipe}.onnx"
+            prepared(file, options.recipe, made)
+            return _described(installed.import_file(made, name, place, replace=options.replace))
 
     def check(self, part: InstalledPart) -> PartCheck:
         """A network against its sum; see ``PartKind``."""

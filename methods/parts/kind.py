@@ -69,12 +69,14 @@ class ImportOptions:
 
     Attributes:
         name: How the part will be asked for; empty chooses the kind's own.
+        recipe: Which recipe makes the file usable.
         python: The interpreter of an environment that the part runs in.
         replace: Whether the part may take the place of another one of that name.
         ship: Whether it goes into this checkout's package.
     """
 
     name: str = ""
+    recipe: str = ""
     python: Path | None = None
     replace: bool = False
     ship: bool = False

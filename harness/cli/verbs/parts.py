@@ -55,6 +55,14 @@ def import_part(
             help="Name by which settings choose the part, for kinds that may have several.",
         ),
     ] = "",
+    recipe: Annotated[
+        str,
+        typer.Option(
+            "--recipe",
+            metavar="NAME",
+            help="Recipe for a network of others, for normals-onnx: david.",
+        ),
+    ] = "",
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace an imported part of the same name.")
     ] = False,
@@ -84,7 +92,8 @@ def import_part(
     HARNESS_WEIGHTS, or mexecon-harness/weights.
     """
     chosen = part_kind(kind)
-    part = chosen.add(file, ImportOptions(name=name, python=python, replace=replace, ship=ship))
+    options = ImportOptions(name=name, recipe=recipe, python=python, replace=replace, ship=ship)
+    part = chosen.add(file, options)
     if as_json:
         print_json(part.to_dict())
         return
