@@ -26,12 +26,12 @@ from harness.cli.options import (
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
 from harness.pipeline.inputs.sealed import announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate as carry_out
-from harness.pipeline.run.part_choice import OPEN, parsed_parts
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
 

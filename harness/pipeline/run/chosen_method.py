@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name
 from harness.core.protocols import Configurable, Method, MethodInfo
-from harness.pipeline.run.part_choice import PartChoice
+from harness.pipeline.inputs.part_choice import PartChoice
 from methods.catalog import METHODS
 
 __all__ = ["Catalogued", "ChosenMethod", "catalogued_methods", "chosen_methods"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from harness.core.errors import HarnessError, MissingPart
+from harness.pipeline.inputs.part_choice import PartChoice, parsed_parts
 from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
-from harness.pipeline.run.part_choice import PartChoice, parsed_parts
 
 PAPER = parsed_parts("paper")
 BODY = {"body.model": "smplx", "body.start": "pixie"}
