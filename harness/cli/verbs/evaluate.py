@@ -67,6 +67,15 @@ Parts = Annotated[
         "normals=econ,body=smplx,start=pixie.",
     ),
 ]
+Row = Annotated[
+    str,
+    typer.Option(
+        "--as",
+        metavar="NAME",
+        help="With --set and one method: the name of its row in tables, so that several settings "
+        "of one method can be compared in one run.",
+    ),
+]
 
 
 @app.command()
@@ -78,15 +87,7 @@ def evaluate(
     protocol: Protocol = "mexecon",
     run: NewRun = "main",
     settings: Set = None,
-    row: Annotated[
-        str,
-        typer.Option(
-            "--as",
-            metavar="NAME",
-            help="With --set and one method: the name of its row in tables, so that several "
-            "settings of one method can be compared in one run.",
-        ),
-    ] = "",
+    row: Row = "",
     parts: Parts = OPEN,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
