@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from typing import Any
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
@@ -19,8 +20,10 @@ from methods.body.fit.jmbo import NormalsOf
 from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
 from methods.body.models.parts import body_part
+from methods.body.models.smplx_body import SmplxBody
 from methods.body.photos import detection
 from methods.body.photos.views import Views, load_views
+from methods.body.pixie.start import pixie_each_view, pixie_part
 from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
 from methods.estimated_normals import EstimatedNormals
@@ -109,12 +112,22 @@ class BodyFit:
             body = body_model(self.settings.model, self.settings.model_file)
 
         def normals_in(own: Views, world_to_fit: Floats) -> NormalsOf:
-            cameras = tuple(camera.in_frame(world_to_fit) for camera in capture.cameras)
-            moved = replace(capture, cameras=cameras)
-            return EstimatedNormals(moved, own, body.faces, NormalChoice("open"))
+            moved = _moved(capture, world_to_fit)
+            choice = NormalChoice(self.settings.normals)
+            return EstimatedNormals(moved, own, body.faces, choice)
 
-        wants_network = self.settings.wants_network
-        return fit_body(body, views, self.settings, context, normals_in if wants_network else None)
+        def first_in(own: Views, world_to_fit: Floats) -> dict[str, Any]:
+            assert isinstance(body, SmplxBody), "the settings want SMPL-X for PIXIE"
+            return pixie_each_view(body, own.views, _moved(capture, world_to_fit))
+
+        return fit_body(
+            body,
+            views,
+            self.settings,
+            context,
+            normals_in if self.settings.wants_network else None,
+            first_in if self.settings.uses_pixie else None,
+        )
 
     def _is_given_centre(self) -> bool:
         return len(self.views) == 1 and self.settings.depth == "subject-centre"
@@ -129,11 +142,18 @@ class BodyFit:
         )
 
 
+def _moved(capture: Capture, world_to_fit: Floats) -> Capture:
+    """The photos with cameras described in another frame."""
+    cameras = tuple(camera.in_frame(world_to_fit) for camera in capture.cameras)
+    return replace(capture, cameras=cameras)
+
+
 def _parts(settings: FitSettings) -> tuple[Part, ...]:
     return (
         body_part(settings.model, settings.model_file),
         detection.part(),
-        *((NormalChoice("open").part,) if settings.wants_network else ()),
+        *((pixie_part(),) if settings.uses_pixie else ()),
+        *((NormalChoice(settings.normals).part,) if settings.wants_network else ()),
     )
 
 

@@ -52,8 +52,8 @@ class ClothedSettings:
     """Settings of the clothed reconstruction; the defaults are the published ones of MExECON.
 
     Attributes:
-        normals: ``body``, ``oracle`` (a privilege), ``open`` (the network that is shipped) or
-            ``onnx``.
+        normals: ``body``, ``oracle`` (a privilege), ``open`` (the network that is shipped),
+            ``econ`` (ECON's own, which the user imported) or ``onnx``.
         normals_model: A network's file or the name of an imported one, for ``onnx``.
         resolution: Side of the working picture in pixels; ECON's is 512.
         bilateral_k: How sharply integration lets depth jump.

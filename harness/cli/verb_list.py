@@ -26,7 +26,7 @@ VERBS = {
     "data": "List, check, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
     "train": "Train the open networks.",
-    "weights": "List, import and verify the networks that estimate normals.",
+    "parts": "List, import and verify the parts that you bring.",
 }
 #: Modules of ``harness.cli.verbs`` that are not called like their verb.
 _MODULES = {"eval": "evaluate"}

@@ -17,6 +17,7 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import catalogued_methods
 from methods.catalog import METHODS
 from methods.normals import installed
+from methods.parts.catalog import KINDS, part_kind
 from renderers.catalog import RENDERERS
 
 __all__ = ["Finding", "examine"]
@@ -58,8 +59,8 @@ class Finding:
     """One thing that was looked at.
 
     Attributes:
-        kind: ``system``, ``package``, ``device``, ``network``, ``dataset``, ``method`` or
-            ``renderer``.
+        kind: ``system``, ``package``, ``device``, ``network``, ``part``, ``dataset``,
+            ``method`` or ``renderer``.
         name: What it is.
         usable: Whether it can be used.
         needed: Whether the out-of-the-box pipeline needs it.
@@ -88,6 +89,7 @@ def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
     yield from (_module(*entry) for entry in _MODULES)
     yield from _devices()
     yield _open_network()
+    yield from (_part(name) for name in KINDS)
     yield from _catalogued()
     yield from (_dataset(manifest, workspace, name) for name in manifest.datasets)
 
@@ -172,6 +174,23 @@ def _open_network() -> Finding:
         return Finding("network", installed.OPEN_NETWORK, False, needed, error.what, error.hint)
     note = f"{found.bytes / 2**20:.1f} MiB, {found.licence}, trained on {found.training_set}"
     return Finding("network", found.name, True, needed, f"{note}, sha256 {found.sha256[:12]}")
+
+
+def _part(name: str) -> Finding:
+    """What was imported of a kind; nothing that ships needs it."""
+    try:
+        kind = part_kind(name)
+        parts = [part for part in kind.installed() if part.place == "imported"]
+    except HarnessError as error:
+        return _unusable("part", name, error)
+    if not parts:
+        about = kind.about
+        return Finding(
+            "part", name, False, False, f"{about.purpose}; {about.licence}",
+            f"{about.source}; then run: {about.command}",
+        )  # fmt: skip
+    note = ", ".join(f"{part.title} (sha256 {part.sha256[:12]})" for part in parts)
+    return Finding("part", name, True, False, note)
 
 
 def _catalogued() -> Iterator[Finding]:

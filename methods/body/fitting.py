@@ -23,11 +23,15 @@ from methods.body.settings import FitSettings
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["FittedParameters", "NormalsIn", "fit_body", "fitted_parameters"]
+__all__ = ["FirstIn", "FittedParameters", "NormalsIn", "fit_body", "fitted_parameters"]
 
 #: Makes what estimates the clothed normals of some views: called with the views, and the (4, 4)
 #: from the world to the frame that their cameras are in.
 NormalsIn = Callable[[Views, Floats], NormalsOf]
+
+#: Makes the first body of each of some views: called with the views, and the (4, 4) from the world
+#: to the frame that their cameras are in.
+FirstIn = Callable[[Views, Floats], "dict[str, Tensor]"]
 
 #: A hand is there when it was found in at least this share of a photo's readings.
 _HAND_FOUND = 0.5
@@ -48,6 +52,7 @@ def fit_body(
     settings: FitSettings,
     context: Context,
     normals_in: NormalsIn | None = None,
+    first_in: FirstIn | None = None,
 ) -> BodyFitResult:
     """The body that the views agree on, world metres.
 
@@ -57,9 +62,10 @@ def fit_body(
         settings: How far the fit goes, and the weights of its cost.
         context: Seed and stages.
         normals_in: Estimates clothed normals, for a fit that compares normals with a network's.
+        first_in: Makes the first body of each view; None fits them to the views' landmarks.
     """
     with _one_thread():
-        fit = fitted_parameters(body, views, settings, context, normals_in)
+        fit = fitted_parameters(body, views, settings, context, normals_in, first_in)
     left, right = views.detections.hands[0] >= _HAND_FOUND
     return BodyFitResult(
         body=_exported(body, fit.parameters),
@@ -79,12 +85,16 @@ def fitted_parameters(
     settings: FitSettings,
     context: Context,
     normals_in: NormalsIn | None = None,
+    first_in: FirstIn | None = None,
 ) -> FittedParameters:
     """As ``fit_body``, in the body model's own parameters, world frame."""
     world_to_fit = fit_frame(views)
     views = in_frame(views, world_to_fit)
     with context.stage("single views"):
-        singles = fit_each_view(body.sparse(), views.views, views.detections)
+        if first_in is None:
+            singles = fit_each_view(body.sparse(), views.views, views.detections)
+        else:
+            singles = first_in(views, world_to_fit)
         parameters = average(singles)
     swapped, cost = None, None
     if settings.stage in ("landmarks", "jmbo") and "landmarks" in (settings.stage, settings.start):

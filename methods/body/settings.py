@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from harness.core.errors import HarnessError
 from harness.core.settings import check_choice
 from methods.body.fit.weights import Weights
 
@@ -16,12 +17,16 @@ class FitSettings(Weights):
 
     Attributes:
         model: The body model, ``anny`` or ``smplx``.
-        model_file: The user's own SMPL-X model file, for ``smplx``.
+        model_file: The user's own SMPL-X model, for ``smplx``: a file, which has a slash or ends in
+            .npz or .pkl, or the name of an imported one; empty is the imported neutral one.
         stage: How far the fit goes: ``front``, ``average``, ``landmarks`` or ``jmbo``.
-        start: What JMBO starts from: ``average`` (the paper) or ``landmarks``, one body fitted to
-            the landmarks of all views, which also finds views with left and right exchanged.
+        start: What JMBO starts from: ``average``, the mean of bodies that are fitted to the
+            landmarks of each view; ``pixie``, the mean of those that PIXIE regresses from each view
+            (the paper), which wants the model ``smplx``; or ``landmarks``, one body fitted to the
+            landmarks of all views, which also finds views with left and right exchanged.
         normals: What the normal term compares the body with: ``off``; ``open``, the network that is
-            shipped; or ``oracle``, rendered from the scan, a privilege.
+            shipped; ``econ``, ECON's own, which the user imported; or ``oracle``, rendered from
+            the scan, a privilege.
         depth: What tells a single view how far away the subject is: ``height-prior``, how tall the
             body model takes people to be, or ``subject-centre``, a privilege.
         subject_px: Longer side of the subject in the pictures that the fit works on.
@@ -40,11 +45,21 @@ class FitSettings(Weights):
         for name, known in (
             ("model", ("anny", "smplx")),
             ("stage", ("front", "average", "landmarks", "jmbo")),
-            ("start", ("average", "landmarks")),
-            ("normals", ("off", "open", "oracle")),
+            ("start", ("average", "landmarks", "pixie")),
+            ("normals", ("off", "open", "econ", "oracle")),
             ("depth", ("height-prior", "subject-centre")),
         ):
             check_choice(name, getattr(self, name), known)
+        if self.uses_pixie and self.model != "smplx":
+            raise HarnessError(
+                f"setting 'start' cannot be 'pixie' where setting 'model' is '{self.model}'",
+                hint="PIXIE regresses SMPL-X: --set body.model=smplx",
+            )
+
+    @property
+    def uses_pixie(self) -> bool:
+        """Whether PIXIE regresses the first body of each view."""
+        return self.start == "pixie"
 
     @property
     def compares_normals(self) -> bool:
@@ -54,7 +69,7 @@ class FitSettings(Weights):
     @property
     def wants_network(self) -> bool:
         """Whether a normal network is run."""
-        return self.compares_normals and self.normals == "open"
+        return self.compares_normals and self.normals in ("open", "econ")
 
     @property
     def uses_oracle(self) -> bool:
@@ -65,7 +80,7 @@ class FitSettings(Weights):
         """The settings that a fit to so many views depends on, by name."""
         unused = set[str]() if self.stage == "jmbo" else {field.name for field in fields(Weights)}
         if self.stage != "jmbo":
-            unused |= {"start", "normals"}
+            unused |= {"normals"} if self.uses_pixie else {"start", "normals"}
         if views > 1:
             unused.add("depth")
         values = {field.name: getattr(self, field.name) for field in fields(self)}

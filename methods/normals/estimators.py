@@ -18,6 +18,7 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import NormalEstimator, Part
 from harness.core.settings import check_choice
 from methods.normals import installed
+from methods.normals.econ.estimator import econ_normals, econ_part
 from methods.normals.onnx_estimator import OnnxNormals
 
 __all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
@@ -25,7 +26,7 @@ __all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
 
-_KINDS = ("body", "oracle", "open", "onnx")
+_KINDS = ("body", "oracle", "open", "onnx", "econ")
 _PRIVILEGE = Privilege.ORACLE_NORMALS
 
 
@@ -72,9 +73,10 @@ class NormalChoice:
     """Which estimator a method runs with; nothing is loaded to say so.
 
     Attributes:
-        kind: ``body``, ``oracle``, ``open`` (the network that is shipped) or ``onnx`` (another).
+        kind: ``body``, ``oracle``, ``open`` (the network that is shipped), ``econ`` (ECON's own,
+            imported with ``harness parts import econ-normal``) or ``onnx`` (another).
         model: For ``onnx``: a file, which has a slash or ends in ``.onnx``, or the name of a
-            network that was imported with ``harness weights import``.
+            network that was imported with ``harness parts import normals-onnx``.
 
     Raises:
         HarnessError: another kind; ``onnx`` without a network, or a network without ``onnx``.
@@ -105,6 +107,8 @@ class NormalChoice:
             MissingPart: the network's file, or onnxruntime for a file of your own, is not there.
             DataError: the file is not the one that was installed.
         """
+        if self.kind == "econ":
+            return econ_part()
         network = self._installed()
         if network is not None:
             return network.part
@@ -126,6 +130,8 @@ class NormalChoice:
         """
         if self.kind == "body":
             return BodyNormals()
+        if self.kind == "econ":
+            return econ_normals()
         if self.kind in ("open", "onnx"):
             return self._network()
         if _PRIVILEGE not in privileged:

@@ -8,7 +8,6 @@ is used, so that a record's hash is that of what ran.
 from __future__ import annotations
 
 import functools
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from harness.core.files.names import NAME_RULE, is_name
 from harness.core.protocols import Part
 from methods.normals.onnx_estimator import OnnxNormals
 from methods.normals.onnx_files import network_stamp
+from methods.parts.folders import user_folder
 
 __all__ = [
     "OPEN_NETWORK",
@@ -118,14 +118,8 @@ def shipped_place() -> Place:
 
 
 def imported_place() -> Place:
-    """The user's own folder: ``HARNESS_WEIGHTS``, or below ``XDG_DATA_HOME``."""
-    named = os.environ.get("HARNESS_WEIGHTS")
-    if named:
-        return Place("imported", Path(named).expanduser().resolve())
-    data = Path(os.environ.get("XDG_DATA_HOME", ""))
-    # Its specification says that a relative path there counts as none.
-    base = data if data.is_absolute() else Path.home() / ".local" / "share"
-    return Place("imported", base / "mexecon-harness" / "weights")
+    """The user's own folder: ``HARNESS_WEIGHTS``, or ``weights`` below the data folder."""
+    return Place("imported", user_folder("HARNESS_WEIGHTS", "weights"))
 
 
 def listed(place: Place) -> list[Network]:
@@ -231,7 +225,7 @@ def loaded(path: Path) -> OnnxNormals:
     if not path.is_file():
         raise MissingPart(
             f"no network at {path}",
-            hint="Set normals_model to an ONNX file or a name of 'harness weights list'",
+            hint="Set normals_model to an ONNX file or a name of 'harness parts list'",
         )
     return _loaded(path, network_stamp(path))
 
@@ -307,10 +301,10 @@ def _checked(network: Network, sum_of: Any) -> Check:
 
 def _how_to_get(name: str, place: Place) -> str:
     if place.title == "imported":
-        return f"Run: harness weights import FILE.onnx --name {name}"
+        return f"Run: harness parts import normals-onnx FILE.onnx --name {name}"
     return (
         "It comes with the package. Install that again; or train one with 'harness train normals', "
-        "run 'harness weights import FILE.onnx --name mine', and set normals=onnx and "
+        "run 'harness parts import normals-onnx FILE.onnx --name mine', and set normals=onnx and "
         "normals_model=mine"
     )
 

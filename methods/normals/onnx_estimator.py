@@ -15,21 +15,20 @@ The file has the inputs ``image`` (1, 3, H, W), sRGB in [-1, 1] and 0 outside th
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from harness.core.errors import DataError, MethodError, MissingPart
+from harness.core.errors import DataError, MethodError
 from harness.core.protocols import Part
 from harness.geometry.images import unit_normals
 from harness.geometry.window import Window
 from methods.normals.onnx_files import network_sha256
 from methods.normals.window import mask_window, whole_window
+from methods.parts.onnx_session import open_session
 
 __all__ = ["OnnxNormals"]
 
@@ -54,7 +53,7 @@ class OnnxNormals:
     """
 
     def __init__(self, path: Path) -> None:
-        self._session = _session(path)
+        self._session = open_session(path)
         self._inputs = tuple(node.name for node in self._session.get_inputs())
         outputs = [node.name for node in self._session.get_outputs()]
         _require(path, "inputs", set(self._inputs) - set(_OPTIONAL_INPUTS), _INPUTS)
@@ -145,26 +144,6 @@ class OnnxNormals:
                     got=str(answer.shape),
                 )
         return [np.moveaxis(answer[0].astype(np.float64), 0, -1) for answer in answers]
-
-
-def _session(path: Path) -> Any:
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingPart(
-            "networks are run by onnxruntime, which is not installed",
-            hint="Run: pip install onnxruntime",
-        ) from error
-    options = onnxruntime.SessionOptions()
-    # Else the working memory of the largest run stays taken for as long as the network is kept.
-    options.enable_cpu_mem_arena = False
-    if hasattr(os, "sched_getaffinity"):  # on Linux
-        # Otherwise onnxruntime counts cores that this process is not given and pins threads there.
-        options.intra_op_num_threads = len(os.sched_getaffinity(0))
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime has no public base of its errors
-        raise DataError(f"{path} is not a network that can be run", got=str(error)) from error
 
 
 def _require(path: Path, what: str, names: set[str], wanted: tuple[str, ...]) -> None:

@@ -67,6 +67,9 @@ _INITIAL_BODY = Deviation(
     "pose and shape",
     _LICENSED,
 )
+#: With PIXIE that step is as published; the average of its bodies is what the fit starts from.
+_FIRST_BY_PIXIE = {_INITIAL_BODY.what: ("body.start", "pixie")}
+_STARTS: dict[str, object] = {"body.start": "pixie"}
 _LANDMARKS = (
     Deviation(
         "landmark readings",
@@ -195,6 +198,8 @@ PUBLISHED_JMBO = Published(
     _BODY_SETTINGS,
     _BODY_REASONS,
     (_INITIAL_BODY, *_LANDMARKS, _CAMERA, *_FIT, *_MEXECON_FIT),
+    _FIRST_BY_PIXIE,
+    _STARTS,
 )
 JMBO_WITHOUT_HEAD = replace(PUBLISHED_JMBO, settings={**_BODY_SETTINGS, "body.head": 0.0})
 BODY_AVERAGE = Published(
@@ -202,12 +207,14 @@ BODY_AVERAGE = Published(
     {"body.model": "smplx", "body.stage": "average"},
     _BODY_REASONS,
     (_INITIAL_BODY, *_LANDMARKS, _CAMERA),
+    _FIRST_BY_PIXIE,
 )
 BODY_FRONT = Published(
     _MEXECON_SOURCE,
     {"body.model": "smplx", "body.stage": "front"},
     _BODY_REASONS,
     (_INITIAL_BODY, *_LANDMARKS, _CAMERA, _SINGLE_VIEW_DEPTH),
+    _FIRST_BY_PIXIE,
 )
 
 _SURFACE_REASONS = {
@@ -314,6 +321,8 @@ MEXECON = Published(
     {**_BODY_SETTINGS, **_SURFACE_SETTINGS},
     {**_BODY_REASONS, **_SURFACE_REASONS},
     (*PUBLISHED_JMBO.steps, *_SURFACE, *_MEXECON_SURFACE),
+    _FIRST_BY_PIXIE,
+    _STARTS,
 )
 MEXECON_CEILING = replace(
     MEXECON,
@@ -338,4 +347,6 @@ ECON = Published(
         *(_INITIAL_BODY, *_LANDMARKS, _CAMERA, _SINGLE_VIEW_DEPTH),
         *(*_FIT, *_ECON_FIT, *_SURFACE, *_ECON_SURFACE),
     ),
+    {**_FIRST_BY_PIXIE, "normals": ("surface.normals", "econ")},
+    _STARTS,
 )

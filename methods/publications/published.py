@@ -28,12 +28,18 @@ class Published:
             publication does not have; ``None`` stands for a setting that follows from the photos.
         reasons: Why a setting differs by default, by ``room.setting``.
         steps: Differences that no setting shows.
+        ended_by: Steps, by name, that are no differences where a ``room.setting`` has a value.
+        also: Further values by ``room.setting`` that are as published.
     """
 
     source: str
     settings: Mapping[str, object]
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     steps: tuple[Deviation, ...] = ()
+    ended_by: Mapping[str, tuple[str, object]] = field(
+        default_factory=dict[str, tuple[str, object]]
+    )
+    also: Mapping[str, object] = field(default_factory=dict[str, object])
 
     def deviations(self, parameters: Mapping[str, Mapping[str, object]]) -> tuple[Deviation, ...]:
         """Every difference of a method with these nested parameters, settings first."""
@@ -44,7 +50,17 @@ class Published:
             if name not in parameters.get(room, {}):
                 continue
             here = parameters[room][name]
-            if here != published:
+            if here not in (published, self.also.get(path, published)):
                 why = self.reasons.get(path, SET_BY_USER)
                 found.append(Deviation(path, str(published), str(here), why))
-        return (*found, *self.steps)
+        ended = {
+            step
+            for step, (path, value) in self.ended_by.items()
+            if _value(parameters, path) == value
+        }
+        return (*found, *(step for step in self.steps if step.what not in ended))
+
+
+def _value(parameters: Mapping[str, Mapping[str, object]], path: str) -> object:
+    room, _, name = path.partition(".")
+    return parameters.get(room, {}).get(name)

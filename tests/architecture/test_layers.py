@@ -40,6 +40,8 @@ PLANTS = [
     (ROOMS, "methods/surface/hands.py", "def later():\n    import methods.body.models.model"),
     (ROOMS, "methods/surface/fusion.py", "import methods.clothed"),
     (ROOMS, "methods/clothed.py", "import methods.econ"),
+    (ROOMS, "methods/parts/kind.py", "import methods.body.result"),
+    (ROOMS, "methods/ifnet/part.py", "import methods.surface.sheets"),
     (FIT, "methods/body/models/model.py", "import methods.body.photos.views"),
     (FIT, "methods/body/photos/views.py", "import methods.body.fit.weights"),
     (FIT, "methods/body/stray.py", ""),

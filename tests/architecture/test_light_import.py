@@ -40,7 +40,7 @@ def imported(*arguments: str) -> set[str]:
         (SCRIPT, "--version"),
         (SCRIPT, "eval", "--help"),
         (SCRIPT, "data", "list", "--help"),
-        (SCRIPT, "weights", "list"),
+        (SCRIPT, "parts", "list"),
         ("-c", "import methods.normals.installed"),
     ],
     ids=lambda arguments: " ".join(arguments).replace(SCRIPT, "harness"),

@@ -24,6 +24,14 @@ def _reader(kind: str) -> Callable[[Path], object]:
         from harness.core.array_files.pickles import read_array_pickle
 
         return read_array_pickle
+    if kind == "checkpoint":
+        from harness.core.array_files.checkpoints import Checkpoint
+
+        def read_all(path: Path) -> object:
+            checkpoint = Checkpoint(path)
+            return checkpoint.read(checkpoint.tensors())
+
+        return read_all
     if kind == "smplx":
         import smplx  # noqa: F401
 

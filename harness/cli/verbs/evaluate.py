@@ -26,6 +26,7 @@ from harness.cli.options import (
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
 from harness.pipeline.inputs.sealed import announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
@@ -57,6 +58,24 @@ Keep = Annotated[
         "contact sheet of the stages.",
     ),
 ]
+Parts = Annotated[
+    str,
+    typer.Option(
+        "--parts",
+        metavar="CHOICE",
+        help="Parts to run with: open; paper, which are those that you imported; or pairs such as "
+        "normals=econ,body=smplx,start=pixie.",
+    ),
+]
+Row = Annotated[
+    str,
+    typer.Option(
+        "--as",
+        metavar="NAME",
+        help="With --set and one method: the name of its row in tables, so that several settings "
+        "of one method can be compared in one run.",
+    ),
+]
 
 
 @app.command()
@@ -68,15 +87,8 @@ def evaluate(
     protocol: Protocol = "mexecon",
     run: NewRun = "main",
     settings: Set = None,
-    row: Annotated[
-        str,
-        typer.Option(
-            "--as",
-            metavar="NAME",
-            help="With --set and one method: the name of its row in tables, so that several "
-            "settings of one method can be compared in one run.",
-        ),
-    ] = "",
+    row: Row = "",
+    parts: Parts = OPEN,
     seed: Annotated[
         int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
     ] = 0,
@@ -104,7 +116,9 @@ def evaluate(
     place = Workspace.default(workspace)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=chosen_methods(split_names(method), parsed_settings(settings), row),
+        methods=chosen_methods(
+            split_names(method), parsed_settings(settings), row, parsed_parts(parts)
+        ),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),
         seed=seed,
@@ -127,6 +141,9 @@ def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
         return
     for cell in cells:
         print(f"{cell.method.row:18} {cell.subject:10} {cell.state:7} {cell.why}")
+    for chosen in request.methods:
+        used = "; ".join(f"{part.role} {part.name} ({part.licence})" for part in chosen.info.parts)
+        print(f"{chosen.row:18} parts: {used or 'none'}")
     waiting = sum(cell.state == "run" for cell in cells)
     print(f"{waiting} of {len(cells)} cells would run")
 

@@ -9,6 +9,7 @@ from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name
 from harness.core.process.installable import Installable
 from harness.core.protocols import Configurable, Method, MethodInfo
+from harness.pipeline.inputs.part_choice import PartChoice
 from methods.catalog import METHODS
 
 __all__ = ["Catalogued", "ChosenMethod", "catalogued_methods", "chosen_methods"]
@@ -103,14 +104,18 @@ def _check_row(row: str, settings: Mapping[str, str]) -> None:
 
 
 def chosen_methods(
-    names: Sequence[str], settings: Mapping[str, str], row: str = ""
+    names: Sequence[str],
+    settings: Mapping[str, str],
+    row: str = "",
+    parts: PartChoice | None = None,
 ) -> tuple[ChosenMethod, ...]:
     """The methods of some names, all with the same settings, ready to run.
 
     Args:
         names: In the catalogue.
-        settings: As text by name.
+        settings: What a user set, as text by name; it counts more than the parts.
         row: What the records of the only method are called, if not by its name.
+        parts: Parts that a user chose; None leaves each method its own.
 
     Raises:
         HarnessError: several methods for one row, or as ``ChosenMethod.of`` and
@@ -120,10 +125,15 @@ def chosen_methods(
         raise HarnessError(
             f"row '{row}' can be of one method only", got=", ".join(names), hint="Run one at a time"
         )
-    chosen = tuple(ChosenMethod.of(name, settings, row) for name in names)
-    for method in chosen:
+    chosen: list[ChosenMethod] = []
+    for name in names:
+        exchanged: dict[str, str] = {}
+        if parts is not None and parts.papers:
+            exchanged = parts.settings(ChosenMethod.of(name, {}).info)
+        method = ChosenMethod.of(name, {**exchanged, **settings}, row)
         method.require_installed()
-    return chosen
+        chosen.append(method)
+    return tuple(chosen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

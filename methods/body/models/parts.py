@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
-from harness.core.files.hashing import file_sha256
 from harness.core.protocols import Part
+from methods.body.models.smplx_part import smplx_part
 
 __all__ = ["body_part"]
 
 
 def body_part(name: str, model_file: str = "") -> Part:
-    """The part of the body model ``anny`` or ``smplx``, with the hash of the user's file."""
+    """The part of the body model ``anny`` or ``smplx``; errors as ``smplx_part``."""
     if name == "anny":
         return Part("body model", f"Anny {_version('anny')}".strip(), "Apache-2.0")
-    path = Path(model_file)
-    sha = file_sha256(path) if model_file and path.is_file() else ""
-    return Part("body model", "SMPL-X", "SMPL-X licence (non-commercial)", sha)
+    return smplx_part(model_file)
 
 
 def _version(package: str) -> str:

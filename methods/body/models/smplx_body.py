@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from methods.body.models.anatomy import blend_landmarks, free_joint, table
 from methods.body.models.model import MAIN_JOINTS, FreeJoint, LandmarkTable, Parameters, Posed
-from methods.body.models.parts import body_part
 from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
+from methods.body.models.smplx_part import is_pixies, model_path, smplx_part
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -52,7 +53,11 @@ _BLENDED = 32
 
 
 class SmplxBody:
-    """SMPL-X with 21 free joints and 10 shape values; face, eyes and hands rest unless given."""
+    """SMPL-X with 21 free joints and 10 shape values; face, eyes and hands rest unless given.
+
+    Attributes:
+        has_pixie_shape: Whether its shape values are those that PIXIE regresses.
+    """
 
     name = "smplx"
 
@@ -60,9 +65,9 @@ class SmplxBody:
         import torch
         from smplx.joint_names import JOINT_NAMES
 
-        path = Path(model_file) if model_file else None
-        self._model = load_model(path)
-        self.part = body_part(self.name, str(model_file))
+        self._model = load_model(model_path(str(model_file)))
+        self.part = smplx_part(str(model_file))
+        self.has_pixie_shape = is_pixies(str(model_file))
         self.faces: NDArray[np.int32] = np.asarray(self._model.faces).astype(np.int32)
         self.joint_names = tuple(JOINT_NAMES[:JOINTS])
         self.roles: Mapping[str, int] = {
@@ -134,21 +139,34 @@ class SmplxBody:
 
         torch = self._torch
         with torch.no_grad():
-            rest = self._model(
-                betas=parameters["shape"][:1],
-                **{name: torch.zeros(1, size) for name, size in _RESTING.items()},
-                body_pose=torch.zeros(1, 3 * _BODY_JOINTS),
-                global_orient=torch.zeros(1, 3),
-                transl=torch.zeros(1, 3),
-            )
             turn = roma.special_gramschmidt(parameters["orientation"][:1])
-            transl = parameters["translation"][:1] - rest.joints[:, 0]
+            root = self._rest_root(parameters["shape"][:1])
+            transl = parameters["translation"][:1] - root
             return {
                 "betas": parameters["shape"][:1].numpy(),
                 "body_pose": parameters["pose"][:1].reshape(1, -1).numpy(),
                 "global_orient": roma.rotmat_to_rotvec(turn).numpy(),
                 "transl": transl.numpy(),
             }
+
+    def rest_root(self, shape: Floats) -> Floats:
+        """(3,) metres: where the root joint of a shape (S,) is before it is moved or turned."""
+        torch = self._torch
+        with torch.no_grad():
+            root = self._rest_root(torch.tensor(shape[None], dtype=torch.float32))
+        return root[0].double().numpy()
+
+    def _rest_root(self, shape: Tensor) -> Tensor:
+        torch = self._torch
+        rest = self._model(
+            betas=shape,
+            **{name: torch.zeros(1, size) for name, size in _RESTING.items()},
+            body_pose=torch.zeros(1, 3 * _BODY_JOINTS),
+            global_orient=torch.zeros(1, 3),
+            transl=torch.zeros(1, 3),
+        )
+        root: Tensor = rest.joints[:, 0]
+        return root
 
 
 def _free(name: str) -> FreeJoint:

@@ -21,11 +21,11 @@ from harness.core.array_files.npz import read_array_npz
 from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
 
-__all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "load_model"]
+__all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "checked_model", "load_model"]
 
 _WHERE = (
-    "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and pass "
-    "--set body.model_file=<folder>/SMPLX_NEUTRAL.npz"
+    "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and run: "
+    "harness parts import smplx <folder>/SMPLX_NEUTRAL.npz"
 )
 _VERTICES, _FACES, _LANDMARKS = 10475, 20908, 51
 JOINTS, BETAS, EXPRESSIONS, HAND = 55, 10, 10, 45
@@ -90,8 +90,6 @@ def load_model(path: Path | None) -> Any:
             expected="SMPLX_NEUTRAL.npz or .pkl",
             hint=_WHERE,
         )
-    if path.suffix not in (".npz", ".pkl"):
-        raise DataError(f"{path} is no SMPL-X model", expected="an .npz or .pkl file", hint=_WHERE)
     return _loaded(path, path.stat().st_mtime_ns)
 
 
@@ -103,7 +101,7 @@ def _loaded(path: Path, changed_ns: int) -> Any:  # noqa: ARG001 - a changed fil
         raise MissingPart(
             "the package smplx is not installed", hint="Run: pip install smplx==0.1.28"
         ) from error
-    arrays: dict[str, Any] = _checked(path)
+    arrays: dict[str, Any] = checked_model(path)
     with tempfile.TemporaryDirectory(prefix="smplx-") as folder:
         copy = Path(folder) / "checked.npz"
         np.savez(copy, **arrays)
@@ -121,8 +119,14 @@ def _loaded(path: Path, changed_ns: int) -> Any:  # noqa: ARG001 - a changed fil
     return model.requires_grad_(requires_grad=False)
 
 
-def _checked(path: Path) -> dict[str, NDArray[Any]]:
-    """The model's arrays, of the right shapes, finite, with indices that point at something."""
+def checked_model(path: Path) -> dict[str, NDArray[Any]]:
+    """The model's arrays, of the right shapes, finite, with indices that point at something.
+
+    Raises:
+        DataError: the file is not SMPL-X, or cannot be read without running what it holds.
+    """
+    if path.suffix not in (".npz", ".pkl"):
+        raise DataError(f"{path} is no SMPL-X model", expected="an .npz or .pkl file", hint=_WHERE)
     read = read_array_npz if path.suffix == ".npz" else read_array_pickle
     try:
         arrays = read(path, _ARRAYS)

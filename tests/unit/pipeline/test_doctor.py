@@ -83,3 +83,16 @@ def test_a_method_whose_network_is_not_there_is_not_usable(tmp_path, monkeypatch
     assert not found["econ"].usable
     assert "no network 'open-normals'" in found["econ"].note
     assert found["hull8"].usable
+
+
+def test_a_part_that_was_not_imported_is_named_with_its_source_and_command(tmp_path, monkeypatch):
+    monkeypatch.setenv("HARNESS_WEIGHTS", str(tmp_path / "weights"))
+    found = doctor._part("normals-onnx")
+    assert (found.kind, found.usable, found.needed) == ("part", False, False)
+    assert "harness parts import normals-onnx" in found.next_step
+    entry = {"file": "n.onnx", "sha256": "0", "licence": "MIT", "training_set": "", "bytes": 1}
+    (tmp_path / "weights").mkdir()
+    write_json(tmp_path / "weights" / "weights.json", {"mine": entry})
+    assert "mine" in doctor._part("normals-onnx").note
+    write_json(tmp_path / "weights" / "weights.json", {"mine": {}})
+    assert "the entry 'mine' is not right" in doctor._part("normals-onnx").note

@@ -130,3 +130,39 @@ def _make_views(anny, person):
 
     make.ring = _ring
     return make
+
+
+#: The joint that each of SMPL-X's joints hangs on.
+PARENTS = [
+    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
+    *(value for base in (20, 21) for first in range(25 + 15 * (base - 20), 40 + 15 * (base - 20), 3)
+      for value in (base, first, first + 1)),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def smplx_arrays() -> dict[str, np.ndarray]:
+    """A cloud of vertices round 55 joints, each moved by its nearest, in SMPL-X's format."""
+    random = np.random.default_rng(0)
+    joints = random.normal(0, 0.4, (55, 3))
+    joints[16:20, 0] = [0.2, -0.2, 0.5, -0.5]
+    owner = np.arange(10475) % 55
+    vertices = joints[owner] + random.normal(0, 0.03, (10475, 3))
+    regressor = np.zeros((55, 10475))
+    regressor[owner, np.arange(10475)] = 1.0
+    faces = random.permutation(10475)[random.integers(0, 10475, (20908, 3))]
+    return {
+        "v_template": vertices,
+        "shapedirs": random.normal(0, 0.003, (10475, 3, 400)),
+        "posedirs": np.zeros((10475, 3, 486)),
+        "J_regressor": regressor / regressor.sum(1, keepdims=True),
+        "weights": np.eye(55)[owner],
+        "kintree_table": np.array([PARENTS, range(55)], dtype=np.int64),
+        "f": faces.astype(np.uint32),
+        "hands_componentsl": np.eye(45),
+        "hands_componentsr": np.eye(45),
+        "hands_meanl": np.zeros(45),
+        "hands_meanr": np.zeros(45),
+        "lmk_faces_idx": np.zeros(51, dtype=np.int64),
+        "lmk_bary_coords": np.full((51, 3), 1 / 3),
+    }

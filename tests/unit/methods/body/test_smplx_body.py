@@ -13,39 +13,6 @@ from harness.core.errors import DataError, MissingPart
 from methods.body.models.model import neutral
 from methods.body.models.smplx_body import SmplxBody
 
-PARENTS = [
-    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
-    *(value for base in (20, 21) for first in range(25 + 15 * (base - 20), 40 + 15 * (base - 20), 3)
-      for value in (base, first, first + 1)),
-]  # fmt: skip
-
-
-def model_arrays() -> dict[str, np.ndarray]:
-    """A cloud of vertices round 55 joints, each moved by its nearest, in SMPL-X's format."""
-    random = np.random.default_rng(0)
-    joints = random.normal(0, 0.4, (55, 3))
-    joints[16:20, 0] = [0.2, -0.2, 0.5, -0.5]
-    owner = np.arange(10475) % 55
-    vertices = joints[owner] + random.normal(0, 0.03, (10475, 3))
-    regressor = np.zeros((55, 10475))
-    regressor[owner, np.arange(10475)] = 1.0
-    faces = random.permutation(10475)[random.integers(0, 10475, (20908, 3))]
-    return {
-        "v_template": vertices,
-        "shapedirs": random.normal(0, 0.003, (10475, 3, 400)),
-        "posedirs": np.zeros((10475, 3, 486)),
-        "J_regressor": regressor / regressor.sum(1, keepdims=True),
-        "weights": np.eye(55)[owner],
-        "kintree_table": np.array([PARENTS, range(55)], dtype=np.int64),
-        "f": faces.astype(np.uint32),
-        "hands_componentsl": np.eye(45),
-        "hands_componentsr": np.eye(45),
-        "hands_meanl": np.zeros(45),
-        "hands_meanr": np.zeros(45),
-        "lmk_faces_idx": np.zeros(51, dtype=np.int64),
-        "lmk_bary_coords": np.full((51, 3), 1 / 3),
-    }
-
 
 class Planted:
     """Makes a file when it is unpickled."""
@@ -58,9 +25,9 @@ class Planted:
 
 
 @pytest.fixture(scope="module")
-def model_file(tmp_path_factory):
+def model_file(tmp_path_factory, smplx_arrays):
     path = tmp_path_factory.mktemp("smplx") / "SMPLX_NEUTRAL.npz"
-    np.savez(path, **model_arrays())
+    np.savez(path, **smplx_arrays)
     return path
 
 
@@ -129,14 +96,14 @@ def test_gradients_reach_every_parameter_also_from_behind(body):
         assert value.grad.abs().max() > 0
 
 
-def test_a_pickled_model_is_the_same(body, model_file, tmp_path):
+def test_a_pickled_model_is_the_same(body, model_file, tmp_path, smplx_arrays):
     path = tmp_path / "SMPLX_NEUTRAL.pkl"
-    path.write_bytes(pickle.dumps(model_arrays()))
+    path.write_bytes(pickle.dumps(smplx_arrays))
     torch.testing.assert_close(SmplxBody(path)(neutral(body))[0], body(neutral(body))[0])
 
 
 @pytest.mark.slow
-def test_what_the_body_does_not_need_is_never_rebuilt(body, tmp_path):
+def test_what_the_body_does_not_need_is_never_rebuilt(body, tmp_path, smplx_arrays):
     """Real files hold tables of names as arrays of objects, older ones other packages' objects."""
     trap = tmp_path / "trap"
     names = {"pelvis": 0}
@@ -144,14 +111,14 @@ def test_what_the_body_does_not_need_is_never_rebuilt(body, tmp_path):
     for name in ("SMPLX_NEUTRAL.npz", "SMPLX_NEUTRAL.pkl"):
         path = tmp_path / name
         if path.suffix == ".npz":
-            np.savez(path, **model_arrays(), **extra)
+            np.savez(path, **smplx_arrays, **extra)
         else:
-            path.write_bytes(pickle.dumps({**extra, **model_arrays()}, protocol=2))
+            path.write_bytes(pickle.dumps({**extra, **smplx_arrays}, protocol=2))
         torch.testing.assert_close(SmplxBody(path)(neutral(body))[0], body(neutral(body))[0])
     assert not trap.exists()
     for name in ("weights.npz", "weights.pkl"):
         path = tmp_path / name
-        arrays = {**model_arrays(), "weights": Planted(trap)}
+        arrays = {**smplx_arrays, "weights": Planted(trap)}
         if path.suffix == ".npz":
             np.savez(path, **arrays)
         else:
@@ -162,23 +129,23 @@ def test_what_the_body_does_not_need_is_never_rebuilt(body, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "absent.npz"])
-def test_no_file_says_where_to_get_it(tmp_path, name):
+def test_no_file_says_where_to_get_it(tmp_path, name, parts):
     with pytest.raises(MissingPart, match="smpl-x.is.tue.mpg.de"):
         SmplxBody(tmp_path / name if name else "")
 
 
-def test_wrong_files_are_refused(tmp_path):
+def test_wrong_files_are_refused(tmp_path, smplx_arrays):
     broken = tmp_path / "SMPLX_NEUTRAL.npz"
     broken.write_bytes(b"PK not a zip")
     with pytest.raises(DataError, match="no SMPL-X model"):
         SmplxBody(broken)
-    smaller = {**model_arrays(), "weights": np.ones((10475, 24)) / 24}
+    smaller = {**smplx_arrays, "weights": np.ones((10475, 24)) / 24}
     other = tmp_path / "other.npz"
     np.savez(other, **smaller)
     with pytest.raises(DataError, match="another model: its weights has another shape"):
         SmplxBody(other)
     astray = tmp_path / "astray.npz"
-    np.savez(astray, **{**model_arrays(), "f": np.full((20908, 3), 10475)})
+    np.savez(astray, **{**smplx_arrays, "f": np.full((20908, 3), 10475)})
     with pytest.raises(DataError, match="is damaged: f points at nothing"):
         SmplxBody(astray)
     text = tmp_path / "model.txt"

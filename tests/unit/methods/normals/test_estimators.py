@@ -121,7 +121,7 @@ def test_the_estimator_of_a_name_is_its_network(view, sphere, places, save_netwo
 
 
 def test_a_name_that_nobody_imported(places):
-    with pytest.raises(MissingPart, match="no network 'nobody' is imported.*weights import"):
+    with pytest.raises(MissingPart, match="no network 'nobody' is imported.*parts import"):
         NormalChoice("onnx", "nobody").estimator(None, {})  # type: ignore[arg-type]
 
 

@@ -140,7 +140,7 @@ def test_a_file_that_is_not_the_one_is_not_used(own, file):
         installed.find("mine", own)
     assert [check.state for check in installed.check()] == ["corrupt", "ok"]
     network.path.unlink()
-    with pytest.raises(MissingPart, match="no network at.*weights import"):
+    with pytest.raises(MissingPart, match="no network at.*parts import normals-onnx"):
         installed.find("mine", own)
     (found,) = installed.check(["mine"])
     assert found.state == "missing"

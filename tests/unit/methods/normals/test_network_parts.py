@@ -1,4 +1,4 @@
-"""``harness weights`` as a person runs it: what it prints, and its exit codes."""
+"""``harness parts`` with networks that estimate normals: what it prints, and its exit codes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from methods.normals import installed
 @pytest.fixture
 def harness(monkeypatch, capsys, places):
     """``harness("list", "--json")``: exit code, standard output, standard error."""
+    monkeypatch.setenv("HARNESS_PARTS", str(places / "parts"))
 
     def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["harness", "weights", *arguments])
+        monkeypatch.setattr(sys, "argv", ["harness", "parts", *arguments])
         with pytest.raises(SystemExit) as ended:
             main()
         return (int(ended.value.code or 0), *capsys.readouterr())
@@ -24,45 +25,54 @@ def harness(monkeypatch, capsys, places):
     return run
 
 
+def networks(told: str) -> dict[str, object]:
+    (kind,) = [kind for kind in json.loads(told) if kind["name"] == "normals-onnx"]
+    return kind
+
+
 def test_import_list_verify(harness, places, save_network):
     code, told, _ = harness("list")
-    assert (code, "no network is shipped" in told) == (0, True)
+    assert (code, "harness parts import normals-onnx FILE.onnx" in told) == (0, True)
     path = save_network(places / "mirror.onnx")
-    code, told, _ = harness("import", str(path))
+    code, told, _ = harness("import", "normals-onnx", str(path))
     assert code == 0
     assert "--set surface.normals=onnx --set surface.normals_model=mirror" in told
     code, told, _ = harness("list")
-    assert "mirror " in told
+    assert "mirror, " in told
     for text in ("0.0 MiB", "Apache-2.0", "avatars-train t00001", "imported"):
         assert text in told
     code, told, _ = harness("list", "--json")
-    (entry,) = json.loads(told)
+    assert networks(told)["state"] == "present"
+    (entry,) = networks(told)["parts"]
     assert entry["sha256"] == installed.find("mirror", installed.imported_place()).sha256
     assert (entry["place"], entry["bytes"]) == ("imported", path.stat().st_size)
     assert harness("verify")[0] == 0
     (places / "own" / "mirror.onnx").write_bytes(b"x")
-    code, told, _ = harness("verify", "mirror")
+    code, told, _ = harness("verify", "normals-onnx/mirror")
     assert (code, told.startswith("CORRUPT")) == (1, True)
     (places / "own" / "mirror.onnx").unlink()
-    code, told, _ = harness("verify", "--json")
+    code, told, _ = harness("verify", "normals-onnx", "--json")
     assert (code, json.loads(told)[0]["state"]) == (1, "missing")
 
 
 def test_names_and_bad_files(harness, places, save_network):
     (places / "text.onnx").write_text("no")
-    code, _, told = harness("import", str(places / "text.onnx"))
+    code, _, told = harness("import", "normals-onnx", str(places / "text.onnx"))
     assert (code, "not a network that can be run" in told) == (3, True)
     path, other = (save_network(places / f"{n}.onnx", training_set=n) for n in ("a", "b"))
-    code, told, _ = harness("import", str(path), "--name", "mine", "--json")
+    named = ("--name", "mine")
+    code, told, _ = harness("import", "normals-onnx", str(path), *named, "--json")
     assert (code, json.loads(told)["name"]) == (0, "mine")
-    assert harness("import", str(other), "--name", "mine")[0] == 2
-    assert harness("import", str(other), "--name", "mine", "--replace")[0] == 0
-    assert harness("verify", "yours")[0] == 2
+    assert harness("import", "normals-onnx", str(other), *named)[0] == 2
+    assert harness("import", "normals-onnx", str(other), *named, "--replace")[0] == 0
+    assert harness("verify", "normals-onnx/yours")[0] == 2
 
 
 def test_what_is_to_be_shipped_goes_into_the_package(harness, places, save_network):
     path = save_network(places / "n.onnx")
-    code, told, _ = harness("import", str(path), "--name", "open-normals", "--ship")
+    arguments = ("normals-onnx", str(path), "--name", "open-normals", "--ship")
+    code, told, _ = harness("import", *arguments)
     assert (code, "--set surface.normals=open" in told) == (0, True)
     assert (places / "shipped" / "open-normals.onnx").is_file()
-    assert json.loads(harness("verify", "open-normals", "--json")[1])[0]["place"] == "shipped"
+    found = json.loads(harness("verify", "normals-onnx/open-normals", "--json")[1])
+    assert found[0]["place"] == "shipped"

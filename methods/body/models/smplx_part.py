@@ -1,0 +1,79 @@
+"""The kind of part ``smplx``: SMPL-X's model files, of which a user may import several."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from harness.core.files.hashing import file_sha256
+from harness.core.protocols import Part
+from methods.parts.kind import About
+from methods.parts.store import ConvertedKind
+
+__all__ = ["MODEL", "NAMES", "SMPLX", "is_pixies", "model_path", "smplx_part"]
+
+#: The file of a part.
+MODEL = "model.npz"
+#: What the files are called where they are published; the last one belongs to PIXIE's shape values.
+NAMES = ("SMPLX_NEUTRAL", "SMPLX_MALE", "SMPLX_FEMALE", "SMPLX_NEUTRAL_2020")
+
+SMPLX = ConvertedKind(
+    About(
+        name="smplx",
+        role="body model",
+        purpose="the body model SMPL-X, as the paper uses it",
+        licence="SMPL-X licence (non-commercial)",
+        source="Register at https://smpl-x.is.tue.mpg.de and unpack models_smplx_v1_1.zip",
+        files=tuple(f"{name}.npz" for name in NAMES),
+        takes=("name",),
+    ),
+    "methods.body.models.smplx_import:examine",
+    "harness eval --method mexecon8 --set body.model=smplx --set body.model_file={name}",
+    preferred=NAMES[0],
+)
+
+
+def model_path(model_file: str) -> Path | None:
+    """The file that the setting ``body.model_file`` stands for; None where it is empty and none is.
+
+    Args:
+        model_file: A file, which has a slash or ends in .npz or .pkl; the name of an imported
+            model; or nothing for the only one that is imported, or the neutral one.
+
+    Raises:
+        MissingPart: no model of that name is imported, or its file is gone.
+        DataError: the imported file is another one.
+    """
+    if _is_file(model_file):
+        return Path(model_file)
+    if not model_file and not SMPLX.installed():
+        return None
+    return SMPLX.find(model_file).file(MODEL)
+
+
+def smplx_part(model_file: str) -> Part:
+    """The model of the setting ``body.model_file`` as records name it; errors as ``model_path``.
+
+    A model that is not there has no digest.
+    """
+    role, licence = SMPLX.about.role, SMPLX.about.licence
+    if _is_file(model_file):
+        path = Path(model_file)
+        return Part(role, "SMPL-X", licence, file_sha256(path) if path.is_file() else "")
+    if not model_file and not SMPLX.installed():
+        return Part(role, "SMPL-X", licence)
+    return SMPLX.find(model_file).installed.part(role)
+
+
+def is_pixies(model_file: str) -> bool:
+    """Whether the setting ``body.model_file`` stands for the model that PIXIE was made with.
+
+    Raises:
+        MissingPart, DataError: as ``model_path``.
+    """
+    if _is_file(model_file):
+        return Path(model_file).stem == NAMES[-1]
+    return bool(SMPLX.installed()) and SMPLX.find(model_file).installed.name == NAMES[-1]
+
+
+def _is_file(model_file: str) -> bool:
+    return "/" in model_file or model_file.endswith((".npz", ".pkl"))

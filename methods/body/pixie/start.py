@@ -1,0 +1,175 @@
+"""PIXIE's body of each view, in the frame that the known cameras make common.
+
+PIXIE sees a square crop around the subject and believes in a camera whose rays are parallel. Here
+that camera looks along the ray through the middle of the crop: its axes are those of the calibrated
+camera turned onto that ray, and its scale tells the distance.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.arrays import Floats
+from harness.core.artifacts import Capture
+from harness.core.cameras.camera import Camera
+from harness.core.errors import MethodError
+from harness.core.protocols import Part
+from harness.geometry.images import resampled
+from harness.geometry.photo import open_photo
+from harness.geometry.window import Window
+from methods.body.models.smplx_body import SmplxBody
+from methods.body.photos.views import View
+from methods.body.pixie.decode import PixieView, decoded
+from methods.body.pixie.part import NETWORK, OUTPUTS, PIXIE
+from methods.parts.onnx_session import answers, open_session
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = ["Seen", "crop_window", "pixie_each_view", "pixie_part", "seen_by"]
+
+#: As ECON crops: the subject's box fills this share of a square of so many pixels over black, which
+#: is then made smaller.
+_FILLED, _CROP_PX, _NETWORK_PX = 0.9, 512, 224
+
+
+def pixie_part() -> Part:
+    """The imported network, as records name it.
+
+    Raises:
+        MissingPart: it is not imported, or its file is gone.
+        DataError: the file is another one.
+    """
+    return PIXIE.find().installed.part(PIXIE.about.role)
+
+
+def pixie_each_view(
+    body: SmplxBody, views: tuple[View, ...], capture: Capture
+) -> dict[str, Tensor]:
+    """Parameters of N bodies, each regressed from one view's photo.
+
+    Args:
+        body: Whose parameters they are. Shape values count where the model is the one that PIXIE
+            was made with; otherwise the shape is the mean.
+        views: N views.
+        capture: The photos, with cameras in the same frame as the views'.
+
+    Raises:
+        MethodError: PIXIE answers with what is no body.
+        MissingPart, DataError: as ``pixie_part``.
+    """
+    import torch
+
+    stored = PIXIE.find()
+    session = _session(stored.file(NETWORK), stored.installed.sha256)
+    found = [_start(body, view, _regressed(session, capture, view), capture) for view in views]
+    return {
+        name: torch.tensor(np.stack([getattr(one, name) for one in found]), dtype=torch.float32)
+        for name in ("orientation", "translation", "pose", "shape")
+    }
+
+
+def crop_window(capture: Capture, view: int) -> Window:
+    """The square of a photo that PIXIE sees."""
+    return Window.around(open_photo(capture, view).mask).square(_FILLED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Start:
+    """One body's parameters."""
+
+    orientation: Floats
+    translation: Floats
+    pose: Floats
+    shape: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """How PIXIE's parallel camera stands.
+
+    Attributes:
+        turn: (3, 3) from its axes to the world's.
+        distance_m: From the calibrated camera's centre along its axis to where PIXIE's body is.
+    """
+
+    turn: Floats
+    distance_m: float
+
+
+def seen_by(camera: Camera, scale: float) -> Seen:
+    """PIXIE's camera of a square crop.
+
+    Args:
+        camera: The crop's.
+        scale: PIXIE's: a metre covers this share of half the crop.
+
+    Raises:
+        MethodError: a scale that is not above 0.
+    """
+    if not scale > 0:
+        raise MethodError(
+            "PIXIE sees a body of no size", expected="a scale above 0", got=f"{scale:g}"
+        )
+    middle = np.array([[camera.width / 2, camera.height / 2]])
+    ray = camera.rotation @ camera.ray_directions(middle)[0]
+    length = float(np.linalg.norm(ray))
+    # Beside the middle of the picture, a pixel covers a smaller angle.
+    focal_px = camera.K[0, 0] * length
+    distance_m = 2.0 * focal_px / (scale * camera.width)
+    return Seen(camera.rotation.T @ _onto(ray / length), distance_m)
+
+
+def _start(body: SmplxBody, view: View, seen: PixieView, capture: Capture) -> _Start:
+    from scipy.spatial.transform import Rotation
+
+    camera = crop_window(capture, view.index).camera(capture.cameras[view.index])
+    parallel = seen_by(camera, float(seen.camera[0]))
+    shape = np.zeros(body.shape_prior.shape[1])
+    if body.has_pixie_shape:
+        shape = seen.shape[: len(shape)]
+    root = body.rest_root(shape)
+    aside, distance_m = root[:2] + seen.camera[1:], parallel.distance_m
+    if view.place.depth_is_known:
+        # The same direction, at the distance that the other views tell.
+        held_m = float(parallel.turn[:, 2] @ (view.place.centre - camera.position))
+        aside, distance_m = aside * held_m / distance_m, held_m
+    place = parallel.turn @ np.array([*aside, distance_m + root[2]])
+    return _Start(
+        orientation=(parallel.turn @ seen.orientation)[:, :2],
+        translation=camera.position + place,
+        pose=Rotation.from_matrix(seen.body_pose).as_rotvec(),
+        shape=shape,
+    )
+
+
+def _onto(ray: Floats) -> Floats:
+    """(3, 3) the least rotation that turns the optical axis onto a unit ray, in camera axes."""
+    from scipy.spatial.transform import Rotation
+
+    axis = np.cross([0.0, 0.0, 1.0], ray)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return np.eye(3)
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, ray[2])).as_matrix()
+
+
+def _regressed(session: Any, capture: Capture, view: View) -> PixieView:
+    photo = open_photo(capture, view.index).cropped(crop_window(capture, view.index))
+    picture = photo.resized(_CROP_PX, _CROP_PX)
+    black = picture.rgb * picture.mask[..., None]
+    small = resampled(black, (_NETWORK_PX, _NETWORK_PX), "bilinear")
+    pixels: NDArray[np.float32] = np.moveaxis(small, -1, 0)[None].astype(np.float32)
+    found = answers(session, "PIXIE", {"picture": pixels})
+    return decoded({name: each[0] for name, each in zip(OUTPUTS, found, strict=True)})
+
+
+@functools.lru_cache(maxsize=1)
+def _session(path: Path, _sha256: str) -> Any:
+    return open_session(path, gpu=True)

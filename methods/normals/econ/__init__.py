@@ -1,0 +1,1 @@
+"""ECON's normal networks, from the user's own ``normal.ckpt``."""

@@ -1,0 +1,274 @@
+"""Fifty files that are no whole checkpoint: each is refused in one sentence, nothing is written."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import pickle
+import sys
+import tarfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from harness.cli.main import main
+from methods.ifnet import convert
+from methods.ifnet.network import IfNet
+from methods.parts.onnx_export import bare, shapes_of
+
+Numbers = dict[str, torch.Tensor]
+FIRST, LAST = "netG.conv_in_partial.weight", "netG.fc_out.bias"
+
+
+class Trap:
+    """Ends the process when it is unpickled."""
+
+    def __reduce__(self):
+        return os._exit, (77,)
+
+
+def saved(value: object, **options) -> bytes:
+    stream = io.BytesIO()
+    torch.save(value, stream, **options)
+    return stream.getvalue()
+
+
+def wrapped(numbers: object) -> bytes:
+    return saved({"state_dict": numbers})
+
+
+def tensors(change: Callable[[Numbers], object]) -> Callable[[Numbers, bytes], bytes]:
+    """A checkpoint whose tensors were changed."""
+
+    def make(numbers: Numbers, sound: bytes) -> bytes:
+        numbers = dict(numbers)
+        changed = change(numbers)
+        return wrapped(changed if isinstance(changed, dict | list) else numbers)
+
+    return make
+
+
+def replaced(value: Callable[[torch.Tensor], object], name: str = FIRST):
+    return tensors(lambda numbers: numbers.update({name: value(numbers[name])}))
+
+
+def cut(share: float) -> Callable[[Numbers, bytes], bytes]:
+    return lambda numbers, sound: sound[: int(share * len(sound))]
+
+
+def flipped(find: Callable[[bytes], int]) -> Callable[[Numbers, bytes], bytes]:
+    def make(numbers: Numbers, sound: bytes) -> bytes:
+        place, content = find(sound), bytearray(sound)
+        content[place] ^= 0x5A
+        return bytes(content)
+
+    return make
+
+
+def zipped(
+    change: Callable[[dict[str, bytes]], None], how: int = zipfile.ZIP_STORED
+) -> Callable[[Numbers, bytes], bytes]:
+    """The same archive with other members."""
+
+    def make(numbers: Numbers, sound: bytes) -> bytes:
+        with zipfile.ZipFile(io.BytesIO(sound)) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        change(members)
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", how) as archive:
+            for name, content in members.items():
+                archive.writestr(name, content)
+        return stream.getvalue()
+
+    return make
+
+
+def member(members: dict[str, bytes], end: str) -> str:
+    return next(name for name in members if name.endswith(end))
+
+
+def tar(numbers: Numbers, sound: bytes) -> bytes:
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w") as archive:
+        archive.addfile(tarfile.TarInfo("ifnet.ckpt"))
+    return stream.getvalue()
+
+
+def npz(numbers: Numbers, sound: bytes) -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, **{FIRST: numbers[FIRST].numpy()})
+    return stream.getvalue()
+
+
+def scripted(numbers: Numbers, sound: bytes) -> bytes:
+    stream = io.BytesIO()
+    torch.jit.save(torch.jit.trace(torch.nn.Linear(2, 2), torch.ones(1, 2)), stream)
+    return stream.getvalue()
+
+
+def constant(content: bytes) -> Callable[[Numbers, bytes], bytes]:
+    return lambda numbers, sound: content
+
+
+DAMAGED: dict[str, Callable[[Numbers, bytes], bytes]] = {
+    "empty": constant(b""),
+    "a web page": constant(b"<!DOCTYPE html><html><body>Log in</body></html>"),
+    "a web page after empty lines": constant(b"\r\n\r\n  <html>"),
+    "XML of an error": constant(b"<?xml version='1.0'?><Error>AccessDenied</Error>"),
+    "text": constant(b"404: Not Found\n"),
+    "JSON": constant(b'{"message": "Not Found"}'),
+    "a pointer of Git LFS": constant(b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n"),
+    "zeros": constant(bytes(4096)),
+    "one byte": constant(b"P"),
+    "a tar archive": tar,
+    "gzip": lambda numbers, sound: gzip.compress(sound, 1),
+    "7z": constant(b"7z\xbc\xaf\x27\x1c" + bytes(99)),
+    "rar": constant(b"Rar!\x1a\x07\x01\x00" + bytes(99)),
+    "a picture": constant(b"\x89PNG\r\n\x1a\n" + bytes(99)),
+    "a plain pickle": constant(pickle.dumps({"state_dict": {}})),
+    "a pickle with a trap": constant(pickle.dumps(Trap())),
+    "the old container": lambda numbers, sound: saved(
+        {"state_dict": numbers}, _use_new_zipfile_serialization=False
+    ),
+    "safetensors": constant((8).to_bytes(8, "little") + b"{}      "),
+    "an NPZ": npz,
+    "an archive of files": zipped(
+        lambda members: (members.clear(), members.update({"ckpt/ifnet.ckpt": b"x"}))
+    ),
+    "TorchScript": scripted,
+    **{f"cut at {share:.4f}": cut(share) for share in (1e-4, 0.01, 0.5, 0.9, 0.99, 0.9999)},
+    "without its last byte": lambda numbers, sound: sound[:-1],
+    "with bytes at its end": lambda numbers, sound: sound + bytes(7),
+    "without its beginning": lambda numbers, sound: sound[100:],
+    "a changed byte in the list": flipped(lambda sound: sound.index(b"_rebuild_tensor_v2") + 3),
+    "a changed byte in a tensor": flipped(lambda sound: len(sound) // 2),
+    "a changed byte in the contents": flipped(lambda sound: sound.rindex(b"data.pkl")),
+    "a compressed archive": zipped(lambda members: None, zipfile.ZIP_DEFLATED),
+    "without a list": zipped(lambda members: members.pop(member(members, "data.pkl")) and None),
+    "without a tensor's memory": zipped(
+        lambda members: members.pop(member(members, "/data/0")) and None
+    ),
+    "a tensor's memory cut": zipped(
+        lambda members: members.update({(n := member(members, "/data/0")): members[n][:-4]})
+    ),
+    "the other byte order": zipped(
+        lambda members: members.update({member(members, "byteorder"): b"big"})
+    ),
+    "an empty list": zipped(lambda members: members.update({member(members, "data.pkl"): b""})),
+    "a list of tensors": tensors(lambda numbers: list(numbers.values())),
+    "no dictionary": lambda numbers, sound: saved(numbers[FIRST]),
+    "a trap": lambda numbers, sound: saved(Trap()),
+    "the network itself": lambda numbers, sound: saved(torch.nn.Linear(2, 2)),
+    "another section": lambda numbers, sound: saved({"model": numbers}),
+    "no tensors": tensors(lambda numbers: numbers.clear()),
+    "no first tensor": tensors(lambda numbers: numbers.pop(FIRST)),
+    "no last tensor": tensors(lambda numbers: numbers.pop(LAST)),
+    "another prefix": tensors(
+        lambda numbers: {f"module.{name}": each for name, each in numbers.items()}
+    ),
+    "no prefix": tensors(
+        lambda numbers: {name.removeprefix("netG."): each for name, each in numbers.items()}
+    ),
+    "the normal networks": tensors(lambda numbers: {"netG.netF.model.1.weight": numbers[FIRST]}),
+    "the variant without a body": tensors(
+        lambda numbers: (
+            [numbers.pop(f"netG.conv_in_smpl.{kind}") for kind in ("weight", "bias")] and None
+        )
+    ),
+    "a further layer": tensors(
+        lambda numbers: numbers.update({"netG.conv_5.weight": numbers[FIRST]})
+    ),
+    "another shape": replaced(lambda tensor: tensor[:-1]),
+    "a turned shape": replaced(lambda tensor: tensor.transpose(0, 1)),
+    "a tensor as a number": replaced(lambda tensor: 3.5),
+    "a tensor as an array": replaced(lambda tensor: tensor.numpy()),
+    "a tensor as a list": replaced(lambda tensor: tensor.tolist()),
+    "a tensor as a trap": replaced(lambda tensor: Trap()),
+    "a tensor of whole numbers": replaced(lambda tensor: tensor.long()),
+    "a complex tensor": replaced(lambda tensor: tensor.to(torch.complex64)),
+    "a sparse tensor": replaced(lambda tensor: tensor.to_sparse()),
+    "not a number": replaced(lambda tensor: torch.full_like(tensor, torch.nan)),
+    "infinity": replaced(lambda tensor: tensor / 0.0, LAST),
+}
+
+
+@pytest.fixture(scope="module")
+def numbers(fill) -> Numbers:
+    filled = fill(shapes_of(bare(IfNet), convert.PREFIX))
+    return {name: torch.from_numpy(array) for name, array in filled.items()}
+
+
+@pytest.fixture(scope="module")
+def sound(numbers) -> bytes:
+    return wrapped(numbers)
+
+
+@pytest.fixture
+def imported(monkeypatch, capsys, parts) -> Callable[[str, Path], tuple[int, str]]:
+    """Exit code and standard error of ``harness parts import KIND FILE``."""
+
+    def run(kind: str, path: Path) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["harness", "parts", "import", kind, str(path)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capsys.readouterr()
+        assert told.out == "" or not ended.value.code
+        return int(ended.value.code or 0), told.err
+
+    return run
+
+
+def require_one_sentence(code: int, told: str, name: str) -> None:
+    assert code in (2, 3), (name, code, told)
+    assert told.startswith("harness: "), (name, told)
+    assert told.count("\n") == 1, (name, told)
+    assert told.rstrip("\n").isprintable(), name
+    assert len(told) < 600, (name, told)
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_it_is_refused_in_one_sentence(imported, numbers, sound, tmp_path, parts, name):
+    path = tmp_path / "ifnet.ckpt"
+    path.write_bytes(DAMAGED[name](numbers, sound))
+    code, told = imported("ifnet", path)
+    require_one_sentence(code, told, name)
+    assert not parts.exists()
+
+
+def test_there_are_fifty_and_they_differ(numbers, sound):
+    assert len(DAMAGED) >= 50
+    contents = {make(numbers, sound) for make in DAMAGED.values()}
+    assert len(contents) == len(DAMAGED)
+
+
+@pytest.mark.parametrize("kind", ["econ-normal", "ifnet", "pixie", "smplx", "normals-onnx"])
+@pytest.mark.parametrize("content", [None, b"", b"<html>", b"PK\x03\x04", b"text"])
+def test_every_kind_refuses_wrong_downloads(imported, tmp_path, parts, kind, content):
+    path = tmp_path / "SMPLX_MALE.npz"
+    if content is not None:
+        path.write_bytes(content)
+    code, told = imported(kind, path)
+    require_one_sentence(code, told, kind)
+    assert not parts.exists()
+    assert not (tmp_path / "weights").exists()
+
+
+@pytest.mark.parametrize("kind", ["econ-normal", "pixie"])
+def test_another_kinds_checkpoint_is_refused(imported, tmp_path, parts, sound, kind):
+    (tmp_path / "x.ckpt").write_bytes(sound)
+    require_one_sentence(*imported(kind, tmp_path / "x.ckpt"), kind)
+    assert not parts.exists()
+
+
+@pytest.mark.slow
+def test_the_undamaged_one_is_taken(imported, tmp_path, parts, sound):
+    (tmp_path / "ifnet.ckpt").write_bytes(sound)
+    assert imported("ifnet", tmp_path / "ifnet.ckpt") == (0, "")
+    note = json.loads((parts / "ifnet" / "ifnet" / "part.json").read_text())
+    assert note["source"]["bytes"] == len(sound)

@@ -1,0 +1,78 @@
+"""A choice of parts exchanges what a method uses, and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from harness.core.errors import HarnessError, MissingPart
+from harness.pipeline.inputs.part_choice import PartChoice, parsed_parts
+from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+
+PAPER = parsed_parts("paper")
+BODY = {"body.model": "smplx", "body.start": "pixie"}
+NORMALS = {"body.normals": "econ", "surface.normals": "econ"}
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_imported(tmp_path, monkeypatch):
+    monkeypatch.setenv("HARNESS_PARTS", str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("econ", {**BODY, **NORMALS}),
+        ("mexecon2", {**BODY, **NORMALS}),
+        ("mexecon8", {**BODY, **NORMALS}),
+        ("jmbo8", {**BODY, "body.normals": "econ"}),
+        ("body-front", BODY),
+        ("body-average", BODY),
+        ("oracle8", {**BODY, "body.normals": "econ"}),
+        ("jmbo8+", {"body.model": "smplx"}),
+        ("mexecon+", {"body.model": "smplx", "nview.normals": "econ"}),
+        ("hull8", {}),
+        ("gt", {}),
+    ],
+)
+def test_the_papers_parts_replace_the_open_ones(name, settings):
+    info = ChosenMethod.of(name, {}).info
+    assert PAPER.settings(info) == settings
+    assert parsed_parts("open").settings(info) == {}
+
+
+def test_pairs_choose_single_parts():
+    info = ChosenMethod.of("mexecon8", {}).info
+    assert parsed_parts("normals=econ").settings(info) == NORMALS
+    assert parsed_parts("body=smplx, normals=open") == PartChoice(frozenset({"body"}))
+    assert parsed_parts("body=smplx,start=pixie,normals=econ") == PAPER
+    assert parsed_parts("") == parsed_parts("open") == parsed_parts("body=anny,start=landmarks")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("papers", "--parts papers .expected open, paper.*Did you mean 'paper'"),
+        ("normal=econ", "--parts normal=econ.*Did you mean 'normals'"),
+        ("normals=paper", "expected normals=open or normals=econ"),
+        ("normals", "expected open, paper, or pairs"),
+    ],
+)
+def test_choices_that_are_not_known(text, message):
+    with pytest.raises(HarnessError, match=message):
+        parsed_parts(text)
+
+
+def test_a_part_that_is_not_imported_is_told_before_anything_runs():
+    with pytest.raises(MissingPart, match="no part 'pixie'.*import pixie pixie_model.tar"):
+        chosen_methods(["econ"], {}, parts=PAPER)
+    with pytest.raises(MissingPart, match="no part 'econ-normal'.*normal.ckpt"):
+        chosen_methods(["econ"], {}, parts=parsed_parts("normals=econ"))
+
+
+def test_what_a_user_set_counts_more():
+    settings = {"body.start": "average", "body.normals": "off", "surface.normals": "body"}
+    (chosen,) = chosen_methods(["mexecon2"], settings, parts=PAPER)
+    body = chosen.info.parameters["body"]
+    assert (body["model"], body["start"], body["normals"]) == ("smplx", "average", "off")
+    assert chosen_methods(["hull8"], {}, parts=PAPER)[0].settings == {}
+    assert chosen_methods(["econ"], {}, parts=None)[0].settings == {}
