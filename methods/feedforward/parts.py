@@ -7,7 +7,6 @@ sha256 of each file, and the interpreter.
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from methods.feedforward.checkpoint import WEIGHTS_FILE, examined_weights
 from methods.feedforward.installed import InstalledNetwork
 from methods.foreign.interpreter import Interpreter
 from methods.foreign.manifest import read_worker
+from methods.parts.folders import parts_folder
 
 __all__ = [
     "DA3",
@@ -39,16 +39,6 @@ _WORKERS = Path(__file__).resolve().parent / "workers"
 
 #: Checks what a user has and returns what writes the files that are kept.
 Examine = Callable[[Path], Callable[[Path], None]]
-
-
-def parts_folder() -> Path:
-    """The folder of a user's parts: ``HARNESS_PARTS``, or ``parts`` below the data folder."""
-    named = os.environ.get("HARNESS_PARTS")
-    if named:
-        return Path(named).expanduser().resolve()
-    data = Path(os.environ.get("XDG_DATA_HOME", ""))
-    base = data if data.is_absolute() else Path.home() / ".local" / "share"
-    return base / "mexecon-harness" / "parts"
 
 
 @dataclass(frozen=True, slots=True)
