@@ -19,6 +19,7 @@ __all__ = [
     "border_loops",
     "compact",
     "grid",
+    "neighbour_means",
     "refine",
     "relax",
     "relax_border",
@@ -77,7 +78,7 @@ def subdivision(size: int, quads: Ints) -> tuple[SparseMatrix, Ints]:
     return matrix, np.concatenate(parts)
 
 
-def _ring(size: int, faces: Ints) -> SparseMatrix:
+def neighbour_means(size: int, faces: Ints) -> SparseMatrix:
     """The matrix that takes the mean of each vertex's neighbours."""
     from scipy.sparse import coo_matrix, diags
 
@@ -115,7 +116,7 @@ def border_loops(faces: Ints) -> list[Ints]:
 
 def relax(vertices: Floats, faces: Ints, times: int, share: float = 0.5) -> Floats:
     """Vertices (V,3) moved ``times`` towards the mean of their neighbours; borders are held."""
-    ring = _ring(len(vertices), faces)
+    ring = neighbour_means(len(vertices), faces)
     free = np.full((len(vertices), 1), share)
     for loop in border_loops(faces):
         free[loop] = 0.0
