@@ -152,7 +152,8 @@ def test_displacements_that_make_cloth_cross_itself_are_taken_back():
 def test_a_push_moves_only_what_is_too_near():
     points, quads = sheet(21)
     surface = Nearness(points, quads)
-    above = points[200:204] + [[0, 0, -0.002], [0, 0, 0.001], [0, 0, 0.004], [0, 0, 0.02]]
+    offsets = np.array([[0, 0, -0.002], [0, 0, 0.001], [0, 0, 0.004], [0, 0, 0.02]])
+    above = points[200:204] + offsets
     moved = pushed_off(above, surface, 0.004)
     np.testing.assert_allclose(moved[:, 2], [0.004, 0.004, 0.004, 0.02], atol=1e-6)
     np.testing.assert_allclose(moved[:, :2], above[:, :2], atol=1e-6)
