@@ -37,6 +37,7 @@ from harness.data.avatars.skin.bake import TEXTURE_SIZE, bake, face_labels, face
 from harness.data.avatars.skin.hair import grow_hair
 from harness.data.avatars.skin.paint import Appearance, painters, skin_masks
 from harness.data.avatars.stored import load_drape
+from harness.data.avatars.wrinkles.roll import COLLAR, HOOD, rumpled
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
@@ -143,7 +144,12 @@ def _dressed(recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar) -> _Dre
     layers += [*_worn_under(recipe, body, posed, skin), *clothes.layers]
     if recipe.top.collar != "none":
         seed = derive_seed(recipe.seed, "collar") % 2**31
-        layers.append(collar(body, posed, recipe.top.collar, seed))
+        around_neck = collar(body, posed, recipe.top.collar, seed)
+        if recipe.worn is not None:
+            how = HOOD if recipe.top.collar == "hood" else COLLAR
+            below = [Nearness(posed.vertices, body.quads("skin"))]
+            around_neck = rumpled(around_neck, how, seed, below)
+        layers.append(around_neck)
     layers += grow_hair(body, posed, recipe.hair, derive_seed(recipe.seed, "locks") % 2**31)
     return replace(clothes, layers=layers)
 

@@ -18,6 +18,7 @@ from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.mesh.quads import vertex_normals
 from harness.data.avatars.people.body import AvatarBody, PosedAvatar, carry
 from harness.data.avatars.recipe import AvatarRecipe
+from harness.data.avatars.wrinkles.construction import draw_construction
 from harness.data.avatars.wrinkles.garment import Wrinkled, wrinkled
 from harness.data.avatars.wrinkles.surplus import Tailoring
 
@@ -56,9 +57,12 @@ def _uneven(piece: Piece, seed: int) -> Piece:
 
 
 def _tailoring(recipe: AvatarRecipe, worn: Worn, body: AvatarBody, piece: Piece) -> Tailoring:
-    name = worn.bottom if piece.name == "bottom" and worn.bottom else worn.top
+    kind, weave = recipe.top.kind, worn.top
+    if piece.name == "bottom" and recipe.bottom is not None and worn.bottom is not None:
+        kind, weave = recipe.bottom.kind, worn.bottom
     seed = derive_seed(recipe.seed, f"wrinkles-{piece.name}") % 2**31
-    return Tailoring(body, piece, WEAVES[name], worn.strength, seed)
+    sewing = draw_construction(kind, derive_seed(recipe.seed, f"sewing-{piece.name}") % 2**31)
+    return Tailoring(body, piece, WEAVES[weave], worn.strength, seed, sewing)
 
 
 def creased(

@@ -198,4 +198,4 @@ def test_equal_seeds_give_equal_wrinkles_and_no_strength_gives_none(shirt):
     np.testing.assert_array_equal(first.vertices, again.vertices)
     assert np.abs(first.vertices - other.vertices).max() > 0.003
     still = creased_shirt(shirt, "poplin", strength=0.0)
-    assert strength_of(still) < strength_of(first) - 3
+    assert strength_of(still) < 0.6 * strength_of(first)

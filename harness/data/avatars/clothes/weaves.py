@@ -17,7 +17,7 @@ class Weave:
         name: As in ``WEAVES``.
         stiffness: Against bending while the cloth is draped.
         fullness: Surplus length along limbs and trunk, as a share of that of a cotton shirt.
-        crumple: Surplus in all directions, as a share of the length: creases of storage and wear.
+        crumple: Surplus in all directions, as a share of the length: creases of wear and storage.
         waves_m: Widths of the folds that are laid at each of three levels, coarse to fine.
         laid: Shares of the surplus that they take up before the cloth is relaxed.
         bending: Against bending at each level, as the share of a bend taken away per step.
@@ -44,11 +44,11 @@ _KINDS = (
     Weave(
         "crumpled cotton",
         0.25,
-        1.05,
-        0.050,
+        1.0,
+        0.070,
         (0.075, 0.042, 0.022),
-        (0.8, 0.4, 0.1),
-        (0.05, 0.015, 0.008),
+        (0.8, 0.4, 0.05),
+        (0.05, 0.016, 0.012),
     ),
 )
 

@@ -18,6 +18,7 @@ from harness.data.avatars.mesh.quads import (
     subdivision,
     vertex_normals,
 )
+from harness.data.avatars.wrinkles.construction import relief
 from harness.data.avatars.wrinkles.crossings import crossing_share, uncrossed
 from harness.data.avatars.wrinkles.relaxation import (
     Held,
@@ -41,7 +42,8 @@ _GAP_M = 0.003
 @dataclass(frozen=True)
 class Wrinkled:
     """vertices (V,3) on the posed body; quads (Q,4), pattern (V,3), part (V,) and pin (V,) as in
-    ``Piece``; crossing: the share of its edges that pass through it.
+    ``Piece``; to_hem (V,): distance to the nearest border of the cut, metres; crossing: the share
+    of its edges that pass through it.
     """
 
     vertices: Floats
@@ -49,6 +51,7 @@ class Wrinkled:
     pattern: Floats
     part: Ints
     pin: Floats
+    to_hem: Floats
     crossing: float
 
     def open_loops(self) -> list[Floats]:
@@ -59,10 +62,7 @@ class Wrinkled:
 
     def layer(self, name: str) -> Layer:
         """The garment as a layer, its place holding limb and distance to the nearest hem."""
-        from scipy.spatial import KDTree
-
-        hem, _ = KDTree(self.pattern[_border(len(self.pattern), self.quads)]).query(self.pattern)
-        place = np.column_stack([self.pattern, self.part.astype(float), hem])
+        place = np.column_stack([self.pattern, self.part.astype(float), self.to_hem])
         return Layer(name, self.vertices, self.quads, place)
 
 
@@ -145,7 +145,25 @@ def wrinkled(
         if number:
             level = _finer(level)
         level = _settled(tailoring, level, number, obstacles)
-    found = level.sewn
+    return _sewn(tailoring, level)
+
+
+def _sewn(tailoring: Tailoring, level: _Level) -> Wrinkled:
+    """The garment with hems, seams and what is sewn on, at its last level."""
+    from scipy.spatial import KDTree
+
+    found, quads = level.sewn, level.quads
     vertices = found.draped + level.moved
-    crossing = crossing_share(vertices, level.quads)
-    return Wrinkled(vertices, level.quads, found.pattern, found.part, level.pin, crossing)
+    to_hem, _ = KDTree(found.pattern[_border(len(vertices), quads)]).query(found.pattern)
+    if tailoring.construction is not None:
+        height = relief(
+            tailoring.body,
+            tailoring.construction,
+            found.pattern,
+            found.part,
+            to_hem,
+            tailoring.is_top,
+        )
+        vertices = vertices + height[:, None] * vertex_normals(vertices, quads)
+    crossing = crossing_share(vertices, quads)
+    return Wrinkled(vertices, quads, found.pattern, found.part, level.pin, to_hem, crossing)
