@@ -20,6 +20,7 @@ from harness.data.avatars.creased_clothes import creased
 from harness.data.avatars.mesh.atlas import unwrap
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, border_loops, compact, triangles, vertex_normals
+from harness.data.avatars.mesh.rounding import rounded, smooth_quads
 from harness.data.avatars.mesh.scanner import scanned
 from harness.data.avatars.mesh.shell import Shell, cap, outer_shell
 from harness.data.avatars.people.body import (
@@ -47,6 +48,7 @@ AVATARS_VERSION = 8
 
 _INNER_GAP_M = 0.0025
 _SHOWN_M = 0.14
+_SHOE_EDGE_M = 0.012
 
 
 def _skin_layer(body: AvatarBody, posed: PosedAvatar) -> Layer:
@@ -154,6 +156,17 @@ def _dressed(recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar) -> _Dre
     return replace(clothes, layers=layers)
 
 
+def _without_facets(layer: Layer) -> Layer:
+    """Skin and shoes as smooth as cloth is; only for the outer surface, places are left out."""
+    if layer.name == "skin":
+        vertices, faces = smooth_quads(layer.vertices, layer.faces)
+    elif layer.name == "shoes":
+        vertices, faces = rounded(layer.vertices, triangles(layer.faces), _SHOE_EDGE_M)
+    else:
+        return layer
+    return Layer(layer.name, vertices, faces, np.zeros((len(vertices), 5)), layer.solid)
+
+
 def _shrunk(layer: Layer, depth: float) -> Layer:
     """A closed layer entered by the half thickness that the outer surface adds to it."""
     if not layer.solid:
@@ -194,7 +207,8 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
     dressed = _dressed(recipe, body, posed)
     layers = dressed.layers
     shell = Shell()
-    sheets = [_shrunk(layer, shell.half_thickness) for layer in layers]
+    shown = layers if recipe.worn is None else [_without_facets(layer) for layer in layers]
+    sheets = [_shrunk(layer, shell.half_thickness) for layer in shown]
     vertices, faces = outer_shell(*merge(sheets)[:2], [cap(loop) for loop in dressed.loops], shell)
     owner, nearest_vertex = face_owners(layers, vertices, faces)
     atlas = unwrap(vertices, faces, TEXTURE_SIZE)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats, Ints, Mask
 from harness.geometry.topology import edges_of, half_edges
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "compact",
     "grid",
     "neighbour_means",
+    "on_border",
     "refine",
     "relax",
     "relax_border",
@@ -112,6 +113,14 @@ def border_loops(faces: Ints) -> list[Ints]:
     # Start each loop at its lowest vertex, so that the order does not hang on the dictionary's.
     rolled = [np.roll(loop, -int(np.argmin(loop))) for loop in loops]
     return sorted(rolled, key=lambda loop: (-len(loop), int(loop[0])))
+
+
+def on_border(size: int, faces: Ints) -> Mask:
+    """(V,) which of ``size`` vertices lie on a border."""
+    edges = edges_of(faces)
+    out = np.zeros(size, bool)
+    out[edges.ends[edges.counts == 1].ravel()] = True
+    return out
 
 
 def relax(vertices: Floats, faces: Ints, times: int, share: float = 0.5) -> Floats:

@@ -15,6 +15,7 @@ from harness.data.avatars.mesh.quads import (
     Ints,
     SparseMatrix,
     border_loops,
+    on_border,
     subdivision,
     vertex_normals,
 )
@@ -30,7 +31,6 @@ from harness.data.avatars.wrinkles.relaxation import (
 )
 from harness.data.avatars.wrinkles.ridges import ridges
 from harness.data.avatars.wrinkles.surplus import Sewn, Tailoring, surplus_of_edges
-from harness.geometry.topology import edges_of
 
 __all__ = ["Wrinkled", "wrinkled"]
 
@@ -76,13 +76,6 @@ class _Level:
     pin: Floats
 
 
-def _border(size: int, quads: Ints) -> Mask:
-    edges = edges_of(quads)
-    out = np.zeros(size, bool)
-    out[edges.ends[edges.counts == 1].ravel()] = True
-    return out
-
-
 def _evened(points: Floats, means: SparseMatrix, border: Mask) -> Floats:
     """Points (V,3) moved half way to the mean of their neighbours; borders stay."""
     return np.where(border[:, None], points, 0.5 * (points + means @ points))
@@ -93,7 +86,7 @@ def _finer(level: _Level) -> _Level:
     matrix, quads = subdivision(len(sewn.draped), level.quads)
     left, right = (matrix @ (sewn.part == value).astype(float) for value in (1, 2))
     net = springs(matrix.shape[0], quads)
-    border = _border(matrix.shape[0], quads)
+    border = on_border(matrix.shape[0], quads)
     draped, cut, carried = (
         _evened(matrix @ points, net.means, border)
         for points in (sewn.draped, sewn.cut, sewn.carried)
@@ -154,7 +147,7 @@ def _sewn(tailoring: Tailoring, level: _Level) -> Wrinkled:
 
     found, quads = level.sewn, level.quads
     vertices = found.draped + level.moved
-    to_hem, _ = KDTree(found.pattern[_border(len(vertices), quads)]).query(found.pattern)
+    to_hem, _ = KDTree(found.pattern[on_border(len(vertices), quads)]).query(found.pattern)
     if tailoring.construction is not None:
         height = relief(
             tailoring.body,
