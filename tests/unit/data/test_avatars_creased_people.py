@@ -6,7 +6,8 @@ import pytest
 
 from harness.core.errors import DataError, MethodError
 from harness.core.files.hashing import content_hash
-from harness.data.avatars import creased_clothes
+from harness.core.formats.mesh_files import load_mesh
+from harness.data.avatars import creased_clothes, make_avatar
 from harness.data.avatars.clothes.drape import DrapeCheck, Draped
 from harness.data.avatars.clothes.patterns import cut_top
 from harness.data.avatars.clothes.weaves import WEAVES
@@ -19,6 +20,7 @@ from harness.data.avatars.people.postures import pose_distance_deg
 from harness.data.avatars.populations import LEAST_POSE_DISTANCE_DEG, sealed_ids
 from harness.data.avatars.recipe import recipe_for, subject_ids
 from harness.data.manifest import load_manifest
+from metrics.folds import PIXEL_M, fold_strength, true_normals
 
 TESTED = creased_test_ids()
 TRAINING = tuple(f"v{k:05d}" for k in range(1, 25))
@@ -130,3 +132,18 @@ def test_a_garment_that_collapsed_is_refused_and_named(monkeypatch):
     with pytest.raises(MethodError, match="the top of b01 passes through itself") as refused:
         creased(recipe, body, posed, [piece])
     assert f"{MOST_CROSSING:.1%}" in str(refused.value)
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("avatar")
+def test_a_creased_person_folds_as_real_clothes_do(tmp_path):
+    """Jersey over poplin: between smooth jersey, 7 degrees, and crumpled cotton, 18."""
+    name = "v00004"
+    make_avatar(recipe_for(name), tmp_path / name)
+    record = json.loads((tmp_path / name / "avatar.json").read_text())
+    assert record["recipe"]["worn"]["top"] == "jersey"
+    assert all(item["crossing"] <= MOST_CROSSING for item in record["drape"])
+    assert record["measured"]["watertight"]
+    mesh = load_mesh(tmp_path / name / f"{name}.obj")
+    found = [fold_strength(*true_normals(mesh, yaw), PIXEL_M).mean_deg for yaw in (0.0, 180.0)]
+    assert 9 < min(found) <= max(found) < 16

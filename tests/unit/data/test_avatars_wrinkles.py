@@ -11,7 +11,7 @@ from harness.data.avatars.mesh.nearness import Nearness, pushed_off
 from harness.data.avatars.mesh.quads import grid, triangles
 from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.wrinkles.crossings import crossing_share, crossing_vertices, uncrossed
-from harness.data.avatars.wrinkles.garment import wrinkled
+from harness.data.avatars.wrinkles.garment import _without_checks, wrinkled
 from harness.data.avatars.wrinkles.relaxation import Contact, Held, Steps, relaxed, springs
 from harness.data.avatars.wrinkles.ridges import ridges, surplus_of_vertices
 from harness.data.avatars.wrinkles.surplus import Tailoring
@@ -111,6 +111,16 @@ def test_ridges_are_as_wide_as_asked_and_make_cloth_longer_by_their_surplus():
         assert found_m == pytest.approx(wave_m, rel=0.35)
         slope = np.diff(heights, axis=1) / STEP
         assert 0.5 * (slope**2).mean() == pytest.approx(0.05, rel=0.5)
+
+
+def test_a_checkerboard_goes_and_folds_stay():
+    points, quads = sheet(41)
+    row, column = np.divmod(np.arange(41 * 41), 41)
+    checks, folds = 0.002 * (-1.0) ** (row + column), 0.01 * np.sin(2 * np.pi * column / 8)
+    rough = points + (checks + folds)[:, None] * [0, 0, 1]
+    found = _without_checks(rough, quads)[:, 2].reshape(41, 41)[5:-5, 5:-5]
+    wanted = folds.reshape(41, 41)[5:-5, 5:-5]
+    assert np.abs(found - wanted).max() < 0.0004
 
 
 def test_without_surplus_there_are_no_ridges():

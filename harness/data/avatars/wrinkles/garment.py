@@ -15,6 +15,7 @@ from harness.data.avatars.mesh.quads import (
     Ints,
     SparseMatrix,
     border_loops,
+    neighbour_means,
     on_border,
     subdivision,
     vertex_normals,
@@ -37,6 +38,7 @@ __all__ = ["Wrinkled", "wrinkled"]
 _LEVELS = 3
 _STEPS = (250, 160, 60)
 _GAP_M = 0.003
+_UNCHECKED = 2
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,19 @@ class _Level:
 def _evened(points: Floats, means: SparseMatrix, border: Mask) -> Floats:
     """Points (V,3) moved half way to the mean of their neighbours; borders stay."""
     return np.where(border[:, None], points, 0.5 * (points + means @ points))
+
+
+def _without_checks(points: Floats, quads: Ints) -> Floats:
+    """A drape (V,3) without the checkerboard that pressed cloth makes on a coarse mesh.
+
+    What changes sign from vertex to vertex goes; folds of four and more vertices keep 94 % and up.
+    """
+    means, border = neighbour_means(len(points), quads), on_border(len(points), quads)
+    for _ in range(_UNCHECKED):
+        bend = points - means @ points
+        bend = np.where(border[:, None], 0.0, bend - means @ bend)
+        points = points - 0.25 * bend
+    return points
 
 
 def _finer(level: _Level) -> _Level:
@@ -132,7 +147,8 @@ def wrinkled(
     pose. obstacles: body and garments below, which it stays 3 mm off.
     """
     piece = tailoring.piece
-    sewn = Sewn(draped, piece.vertices, carried, piece.pattern, piece.part)
+    smooth = _without_checks(draped, piece.quads)
+    sewn = Sewn(smooth, piece.vertices, carried, piece.pattern, piece.part)
     level = _Level(sewn, np.zeros_like(draped), piece.quads, piece.pin)
     for number in range(_LEVELS):
         if number:
