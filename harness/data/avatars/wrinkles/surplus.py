@@ -17,7 +17,7 @@ from harness.data.avatars.clothes.weaves import Weave
 from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.mesh.quads import Floats, Ints
 from harness.data.avatars.people.body import AvatarBody
-from harness.data.avatars.people.landmarks import heights, ramp
+from harness.data.avatars.people.landmarks import Heights, heights, ramp
 from harness.data.avatars.wrinkles.construction import Construction
 
 __all__ = ["Sewn", "Tailoring", "creases", "surplus_of_edges"]
@@ -27,6 +27,8 @@ _JOINT, _END, _PULL = 0.14, 0.16, 0.09
 _HANGING = 0.12
 """What is left of the surplus down the trunk where cloth hangs free below the hip."""
 _HANGING_AROUND = 0.030
+_WEIGHT = 0.85
+"""How much of the creases of wear its weight takes out of hanging cloth."""
 _CAP = 0.30
 _POSE_GAIN, _POSE_CAP = 0.8, 0.30
 _TAUT = 3.5
@@ -99,6 +101,11 @@ def _leg(tailoring: Tailoring, pattern: Floats, side: str) -> Floats:
     return found + _END * _bump(pattern[:, 1] - end, 0.12) if end < ankle + 0.15 else found
 
 
+def _hanging(at: Heights, sewn: Sewn) -> Floats:
+    """(V,) 1 where cloth hangs free below the hip, as in skirts, dresses and coats, 0 elsewhere."""
+    return ramp(sewn.pattern[:, 1], at.hip + 0.02, at.hip - 0.10) * (sewn.part == 0)
+
+
 def _cut_surplus(tailoring: Tailoring, sewn: Sewn) -> tuple[Floats, Floats]:
     """(V,) shares by which the cloth is longer along and around limbs and trunk."""
     body, pattern = tailoring.body, sewn.pattern
@@ -110,7 +117,7 @@ def _cut_surplus(tailoring: Tailoring, sewn: Sewn) -> tuple[Floats, Floats]:
         if own.any():
             limb = _sleeve if tailoring.is_top else _leg
             along[own] = limb(tailoring, pattern[own], side)
-    hanging = ramp(pattern[:, 1], at.hip + 0.02, at.hip - 0.10) * (sewn.part == 0)
+    hanging = _hanging(at, sewn)
     along *= 1 - (1 - _HANGING) * hanging
     around += (_HANGING_AROUND - _AROUND) * hanging
     if tailoring.is_top:
@@ -189,6 +196,8 @@ def surplus_of_edges(tailoring: Tailoring, sewn: Sewn, ends: Ints) -> Floats:
     taut = np.exp(_TAUT * np.minimum(nearer, 0))
     posed = _POSE_GAIN * _of_ends(blotch, ends) * np.clip(nearer, 0, _POSE_CAP)
     worn = creases(sewn.pattern, ends, tailoring.seed + 4) * _of_ends(blotch, ends) ** 0.5
+    # Its own weight pulls hanging cloth straight: creases across it would be ladders.
+    worn *= 1 - _WEIGHT * share * _of_ends(_hanging(heights(tailoring.body), sewn), ends)
     wished = size * (cut + posed) * taut
     wished += tailoring.strength * tailoring.weave.crumple * worn
     unused = np.clip(as_cut / draped - 1, 0, _DRAPE_CAP)
