@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import importlib.metadata
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from harness.core.files.hashing import derive_seed
 from harness.core.process.steps import StepReport
-from harness.data.avatars.checks import check_avatar
+from harness.data.avatars.checks import check_avatar, check_frame
 from harness.data.avatars.clothes.drape import Draped, drape
 from harness.data.avatars.clothes.extras import collar, shoes
 from harness.data.avatars.clothes.layer import Layer, cloth_layer, merge
-from harness.data.avatars.clothes.patterns import cut_bottom, cut_top
+from harness.data.avatars.clothes.patterns import Piece, cut_bottom, cut_top
 from harness.data.avatars.clothes.wardrobe import long_sleeved
+from harness.data.avatars.creased_clothes import creased
 from harness.data.avatars.mesh.atlas import unwrap
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, border_loops, compact, triangles, vertex_normals
+from harness.data.avatars.mesh.rounding import rounded, smooth_quads
 from harness.data.avatars.mesh.scanner import scanned
 from harness.data.avatars.mesh.shell import Shell, cap, outer_shell
 from harness.data.avatars.people.body import (
@@ -35,15 +38,17 @@ from harness.data.avatars.skin.bake import TEXTURE_SIZE, bake, face_labels, face
 from harness.data.avatars.skin.hair import grow_hair
 from harness.data.avatars.skin.paint import Appearance, painters, skin_masks
 from harness.data.avatars.stored import load_drape
+from harness.data.avatars.wrinkles.roll import COLLAR, HOOD, rumpled
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
 
 AVATARS_VERSION = 8
-"""Changes whenever any output does."""
+"""Changes whenever any output does. What changes only for clothes that crease is in ``Worn``."""
 
 _INNER_GAP_M = 0.0025
 _SHOWN_M = 0.14
+_SHOE_EDGE_M = 0.012
 
 
 def _skin_layer(body: AvatarBody, posed: PosedAvatar) -> Layer:
@@ -77,28 +82,38 @@ def _worn_under(
     return [cloth_layer("inner", vertices, quads, shirt.pattern[used], shirt.part[used])]
 
 
+def _cut(recipe: AvatarRecipe, body: AvatarBody) -> list[Piece]:
+    """The recipe's garments around the unposed body, the inner first."""
+    skin = Nearness(body.vertices, body.quads("skin"))
+    pieces = [] if recipe.bottom is None else [cut_bottom(body, recipe.bottom, skin)]
+    return [*pieces, cut_top(body, recipe.top, skin)]
+
+
 def drape_recipe(
     recipe: AvatarRecipe, body: AvatarBody, progress: StepReport | None = None
 ) -> list[Draped]:
-    """The recipe's garments at rest on its posed body: as stored, else solved.
+    """The recipe's garments at rest on its posed body, without wrinkles: as stored, else solved.
 
     Raises:
         MethodError: the clothes could not be draped.
     """
-    skin = Nearness(body.vertices, body.quads("skin"))
-    pieces = [] if recipe.bottom is None else [cut_bottom(body, recipe.bottom, skin)]
-    pieces.append(cut_top(body, recipe.top, skin))
+    pieces = _cut(recipe, body)
     return load_drape(recipe, pieces) or drape(body, recipe.posture, pieces, progress)
 
 
-def _clothes(
-    recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar
-) -> tuple[list[Layer], list[Draped], list[Floats]]:
-    """Cloth layers, the drapes they come from, and the borders to be capped."""
-    skin = Nearness(body.vertices, body.quads("skin"))
+@dataclass(frozen=True)
+class _Dressed:
+    """All layers, the record of each drape, and the borders (N,3) that are to be capped."""
+
+    layers: list[Layer]
+    drapes: list[dict[str, object]]
+    loops: list[Floats]
+
+
+def _smooth_clothes(recipe: AvatarRecipe, body: AvatarBody) -> _Dressed:
+    """Garments as they were draped."""
     draped = drape_recipe(recipe, body)
-    layers = _worn_under(recipe, body, posed, skin)
-    layers += [
+    layers = [
         cloth_layer(d.piece.name, d.vertices, d.piece.quads, d.piece.pattern, d.piece.part)
         for d in draped
     ]
@@ -108,19 +123,48 @@ def _clothes(
         for loop in border_loops(d.piece.quads)
         if not d.piece.pin[loop].any()
     ]
-    return layers, draped, loops
+    return _Dressed(layers, [d.as_dict() for d in draped], loops)
 
 
-def _dressed(
-    recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar
-) -> tuple[list[Layer], list[Draped], list[Floats]]:
-    clothes, draped, loops = _clothes(recipe, body, posed)
-    layers = [_skin_layer(body, posed), _eye_layer(body, posed), *shoes(body, posed), *clothes]
+def _creased_clothes(recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar) -> _Dressed:
+    """Garments with wrinkles."""
+    found = creased(recipe, body, posed, _cut(recipe, body))
+    return _Dressed(
+        [item.wrinkled.layer(item.draped.piece.name) for item in found],
+        [item.as_dict() for item in found],
+        [loop for item in found for loop in item.wrinkled.open_loops()],
+    )
+
+
+def _dressed(recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar) -> _Dressed:
+    if recipe.worn is None:
+        clothes = _smooth_clothes(recipe, body)
+    else:
+        clothes = _creased_clothes(recipe, body, posed)
+    skin = Nearness(body.vertices, body.quads("skin"))
+    layers = [_skin_layer(body, posed), _eye_layer(body, posed), *shoes(body, posed)]
+    layers += [*_worn_under(recipe, body, posed, skin), *clothes.layers]
     if recipe.top.collar != "none":
         seed = derive_seed(recipe.seed, "collar") % 2**31
-        layers.append(collar(body, posed, recipe.top.collar, seed))
+        around_neck = collar(body, posed, recipe.top.collar, seed)
+        if recipe.worn is not None:
+            how = HOOD if recipe.top.collar == "hood" else COLLAR
+            below = [Nearness(posed.vertices, body.quads("skin"))]
+            around_neck = rumpled(around_neck, how, seed, below)
+        layers.append(around_neck)
     layers += grow_hair(body, posed, recipe.hair, derive_seed(recipe.seed, "locks") % 2**31)
-    return layers, draped, loops
+    return replace(clothes, layers=layers)
+
+
+def _without_facets(layer: Layer) -> Layer:
+    """Skin and shoes as smooth as cloth is; only for the outer surface, places are left out."""
+    if layer.name == "skin":
+        vertices, faces = smooth_quads(layer.vertices, layer.faces)
+    elif layer.name == "shoes":
+        vertices, faces = rounded(layer.vertices, triangles(layer.faces), _SHOE_EDGE_M)
+    else:
+        return layer
+    return Layer(layer.name, vertices, faces, np.zeros((len(vertices), 5)), layer.solid)
 
 
 def _shrunk(layer: Layer, depth: float) -> Layer:
@@ -157,10 +201,15 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
     """
     body = deformed_body(recipe.phenotype, recipe.shape)
     posed = body.posed(joint_rotations(body, recipe.posture))
-    layers, draped, loops = _dressed(recipe, body, posed)
+    if recipe.worn is not None:
+        # Before minutes are spent on clothes.
+        check_frame(recipe.id, posed.vertices[:SKIN_VERTICES])
+    dressed = _dressed(recipe, body, posed)
+    layers = dressed.layers
     shell = Shell()
-    sheets = [_shrunk(layer, shell.half_thickness) for layer in layers]
-    vertices, faces = outer_shell(*merge(sheets)[:2], [cap(loop) for loop in loops], shell)
+    shown = layers if recipe.worn is None else [_without_facets(layer) for layer in layers]
+    sheets = [_shrunk(layer, shell.half_thickness) for layer in shown]
+    vertices, faces = outer_shell(*merge(sheets)[:2], [cap(loop) for loop in dressed.loops], shell)
     owner, nearest_vertex = face_owners(layers, vertices, faces)
     atlas = unwrap(vertices, faces, TEXTURE_SIZE)
     looks = _appearance(recipe)
@@ -176,7 +225,7 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
         "scan_noise_mm": scan_noise_mm,
         "clothing": recipe.clothing,
         "recipe": recipe.as_dict(),
-        "drape": [d.as_dict() for d in draped],
+        "drape": dressed.drapes,
         "measured": check_avatar(recipe.id, vertices, faces, cloth, skin),
         "faces_by_label": {name: int((label == k).sum()) for k, name in enumerate(names)},
         "packages": {

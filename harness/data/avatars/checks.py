@@ -10,7 +10,7 @@ from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, Ints
 from harness.geometry.topology import edges_of
 
-__all__ = ["check_avatar"]
+__all__ = ["check_avatar", "check_frame"]
 
 _FRAME_PX = (1080, 1920)
 _HEIGHT_M = (1.45, 2.0)
@@ -39,6 +39,26 @@ def _outside_frame(vertices: Floats) -> int:
     return views
 
 
+def check_frame(name: str, vertices: Floats) -> None:
+    """Refuse a body (V,3) that leaves the frame even without hair, clothes and shoes.
+
+    Raises:
+        DataError: it does in one of the views of the paper's rig.
+    """
+    cut = _outside_frame(vertices)
+    if cut:
+        raise _left_frame(name, vertices, cut)
+
+
+def _left_frame(name: str, vertices: Floats, cut: int) -> DataError:
+    return DataError(
+        f"avatar {name} leaves the frame in {cut} of 8 views",
+        expected="all of it within 1.2 m x 2.16 m at the subject",
+        got=f"{np.ptp(vertices[:, 0]):.2f} m wide, {np.ptp(vertices[:, 2]):.2f} m deep",
+        hint="Give it a narrower pose or a smaller height",
+    )
+
+
 def check_avatar(
     name: str, vertices: Floats, faces: Ints, cloth: np.ndarray, skin: Nearness
 ) -> dict[str, object]:
@@ -58,12 +78,7 @@ def check_avatar(
             f"avatar {name} has a wrong height", expected="1.45 to 2.0 m", got=f"{height:.2f} m"
         )
     if cut:
-        raise DataError(
-            f"avatar {name} leaves the frame in {cut} of 8 views",
-            expected="all of it within 1.2 m x 2.16 m at the subject",
-            got=f"{np.ptp(vertices[:, 0]):.2f} m wide, {np.ptp(vertices[:, 2]):.2f} m deep",
-            hint="Give it a narrower pose or a smaller height",
-        )
+        raise _left_frame(name, vertices, cut)
     corners = vertices[faces[cloth]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)

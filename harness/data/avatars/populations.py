@@ -36,9 +36,11 @@ __all__ = [
     "USUAL_HEIGHT",
     "USUAL_WEIGHT",
     "WIDE_TRAINING_ID",
+    "draw_subject",
     "sealed_ids",
     "sealed_subject",
     "wide_training_subject",
+    "written_and_sealed_poses",
 ]
 
 WIDE_TRAINING_ID = re.compile(r"u\d{5}")
@@ -54,6 +56,8 @@ _STATURE_M = {"male": (1.56, 1.92), "female": (1.49, 1.84)}
 _RMS_M = (0.006, 0.010)
 _BUMP_M = (0.11, 0.18)
 
+_SPARE_M = 0.03
+
 _REDRAWN: Mapping[str, int] = MappingProxyType({})
 """Sealed subjects whose clothes did not come to rest, and the draw that took their place."""
 
@@ -68,14 +72,15 @@ def _stature_m(gender: float, height: float) -> float:
     return 1.365 - 0.14 * gender + 1.09 * height
 
 
-def _draw_person(draw: np.random.Generator, palette: Palette) -> Person:
+def _draw_person(draw: np.random.Generator, palette: Palette, anyone: bool = False) -> Person:
+    """A person outside the usual height or weight, or with ``anyone`` of any height and weight."""
     female = draw.random() < 0.5
     gender = float(draw.uniform(0.85, 1.0) if female else draw.uniform(0.0, 0.2))
     while True:
         stature = float(draw.uniform(*_STATURE_M["female" if female else "male"]))
         height = (stature - _stature_m(gender, 0.0)) / 1.09
         weight = float(draw.uniform(*_WEIGHT))
-        if not (_within(height, USUAL_HEIGHT) and _within(weight, USUAL_WEIGHT)):
+        if anyone or not (_within(height, USUAL_HEIGHT) and _within(weight, USUAL_WEIGHT)):
             break
     return Person(
         gender=gender,
@@ -105,15 +110,24 @@ def _draw_clothes(
             return top, bottom
 
 
-def _draw_subject(seed: int, palette: Palette, avoided: Sequence[Pose]) -> Subject:
+def draw_subject(
+    seed: int, palette: Palette, avoided: Sequence[Pose], anyone: bool = False
+) -> Subject:
+    """A dressed person in a pose that keeps its distance from all avoided; equal seeds give equal
+    subjects. ``anyone``: of any height and weight, not only outside the usual.
+    """
     draw = np.random.default_rng(seed)
-    person = _draw_person(draw, palette)
+    person = _draw_person(draw, palette, anyone)
     top, bottom = _draw_clothes(draw, palette, person.gender > 0.5)
     shoes = draw_shoes(draw, palette)
     # Cloth that hangs below the crotch is not cut for two raised thighs.
     hangs = top.kind in ("dress", "coat") or (bottom is not None and bottom.skirt)
     kinds = tuple(kind for kind in KINDS if not (hangs and kind == "half sitting"))
-    figure = Figure(_stature_m(person.gender, person.height), 1.03 + 0.2 * (person.weight - 0.5))
+    figure = Figure(
+        _stature_m(person.gender, person.height),
+        1.03 + 0.2 * (person.weight - 0.5),
+        _SPARE_M if anyone else 0.0,
+    )
     kind, pose = draw_pose(draw, figure, avoided, LEAST_POSE_DISTANCE_DEG, kinds)
     shape = Deformation(
         seed=derive_seed(seed, "shape"),
@@ -127,11 +141,12 @@ def _draw_subject(seed: int, palette: Palette, avoided: Sequence[Pose]) -> Subje
 def sealed_subject(subject_id: str) -> Subject:
     """The subject of a sealed id (``s01`` to ``s20``); equal ids give equal subjects."""
     seed = derive_seed(_REDRAWN.get(subject_id, 0), "avatar-sealed", subject_id)
-    return _draw_subject(seed, SEALED_PALETTE, tuple(POSES.values()))
+    return draw_subject(seed, SEALED_PALETTE, tuple(POSES.values()))
 
 
 @functools.cache
-def _avoided_in_training() -> tuple[Pose, ...]:
+def written_and_sealed_poses() -> tuple[Pose, ...]:
+    """All poses that somebody is tested in."""
     drawn = [sealed_subject(subject_id).drawn_pose for subject_id in sealed_ids()]
     return (*POSES.values(), *(pose for pose in drawn if pose is not None))
 
@@ -139,4 +154,4 @@ def _avoided_in_training() -> tuple[Pose, ...]:
 def wide_training_subject(subject_id: str) -> Subject:
     """The subject of a wide training id (``u`` and five digits); equal ids give equal subjects."""
     seed = derive_seed(0, "avatar-wide-training", subject_id)
-    return _draw_subject(seed, TRAINING_PALETTE, _avoided_in_training())
+    return draw_subject(seed, TRAINING_PALETTE, written_and_sealed_poses())

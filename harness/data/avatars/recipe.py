@@ -3,7 +3,8 @@
 The same recipe and ``AVATARS_VERSION`` give the same files. The ids ``a01`` to ``a20`` are written
 down in ``subjects``; ``t00001`` and so on are drawn in ``training``, which shares no seed, colour
 or pattern size with them; ``s01`` to ``s20`` (sealed) and ``u00001`` and so on (wide training) are
-drawn in ``populations``, with poses and bodies of their own.
+drawn in ``populations``, with poses and bodies of their own; ``b01`` to ``b20`` and ``v00001`` and
+so on are drawn in ``creased_people``, in clothes that crease.
 """
 
 from __future__ import annotations
@@ -14,6 +15,13 @@ from dataclasses import asdict, dataclass
 from harness.core.errors import DataError, did_you_mean
 from harness.core.files.hashing import derive_seed
 from harness.data.avatars.clothes.wardrobe import Bottom, Colour, Hair, Shoes, Top
+from harness.data.avatars.clothes.weaves import Worn
+from harness.data.avatars.creased_people import (
+    CREASED_TRAINING_ID,
+    creased_test_ids,
+    creased_test_subject,
+    creased_training_subject,
+)
 from harness.data.avatars.people.poses import POSES, Pose
 from harness.data.avatars.people.shape import Deformation
 from harness.data.avatars.populations import (
@@ -33,7 +41,7 @@ class AvatarRecipe:
     """One subject: phenotype (Anny's values, 0 to 1), pose, looks and clothes.
 
     ``pose`` names the pose; ``drawn_pose`` is given if it is not one of the written library, and
-    ``shape`` if the body model cannot give the body.
+    ``shape`` if the body model cannot give the body. ``worn`` is given if the clothes crease.
     """
 
     id: str
@@ -48,6 +56,7 @@ class AvatarRecipe:
     shoes: Shoes
     drawn_pose: Pose | None = None
     shape: Deformation | None = None
+    worn: Worn | None = None
 
     @property
     def posture(self) -> Pose:
@@ -66,7 +75,7 @@ class AvatarRecipe:
         for key in ("hair", "top", "bottom", "shoes"):
             part = getattr(self, key)
             record[key] = None if part is None else asdict(part)
-        for key in ("drawn_pose", "shape"):
+        for key in ("drawn_pose", "shape", "worn"):
             # Left out where there is none: records of the written list stay as they were.
             if record[key] is None:
                 del record[key]
@@ -90,9 +99,13 @@ def _described(subject_id: str) -> Subject:
         return sealed_subject(subject_id)
     if WIDE_TRAINING_ID.fullmatch(subject_id):
         return wide_training_subject(subject_id)
+    if subject_id in creased_test_ids():
+        return creased_test_subject(subject_id)
+    if CREASED_TRAINING_ID.fullmatch(subject_id):
+        return creased_training_subject(subject_id)
     raise DataError(
         f"no avatar '{subject_id}'",
-        expected="a01 to a20, s01 to s20, t00001 and so on, or u00001 and so on",
+        expected="a01 to a20, b01 to b20, s01 to s20, or t, u or v and five digits, as t00001",
         hint=did_you_mean(subject_id, SUBJECTS),
     )
 
@@ -119,4 +132,5 @@ def recipe_for(subject_id: str) -> AvatarRecipe:
         shoes=subject.shoes,
         drawn_pose=subject.drawn_pose,
         shape=subject.shape,
+        worn=subject.worn,
     )

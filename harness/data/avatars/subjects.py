@@ -25,6 +25,7 @@ from harness.data.avatars.clothes.wardrobe import (
     t_shirt,
     wide_trousers,
 )
+from harness.data.avatars.clothes.weaves import Worn
 from harness.data.avatars.people.poses import Pose
 from harness.data.avatars.people.shape import Deformation
 
@@ -53,6 +54,7 @@ class Subject:
     """One line of the list; ``bottom`` is None under a dress.
 
     ``pose`` names a pose of the written library, or says in a word what ``drawn_pose`` is like.
+    ``worn`` is given if the clothes crease.
     """
 
     person: Person
@@ -62,6 +64,7 @@ class Subject:
     shoes: Shoes
     drawn_pose: Pose | None = None
     shape: Deformation | None = None
+    worn: Worn | None = None
 
 
 _PALE, _LIGHT, _TAN = (236, 200, 178), (224, 180, 152), (198, 148, 112)

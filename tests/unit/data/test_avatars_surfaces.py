@@ -10,12 +10,14 @@ from harness.data.avatars.mesh.nearness import Nearness, keep_off
 from harness.data.avatars.mesh.quads import (
     border_loops,
     grid,
+    on_border,
     refine,
     relax,
     subdivision,
     triangles,
     vertex_normals,
 )
+from harness.data.avatars.mesh.rounding import rounded, smooth_quads
 from harness.data.avatars.mesh.shell import Shell, cap, outer_shell
 
 
@@ -235,3 +237,33 @@ def test_what_is_inside_another_layer_is_not_in_the_shell():
     both = np.concatenate([outer, inner]), np.concatenate([faces, faces + len(outer)])
     out, _ = outer_shell(*both, [], SMALL)
     assert np.linalg.norm(out, axis=1).min() > 0.1
+
+
+def test_a_box_is_rounded_at_its_edges_and_stays_where_it_is_flat():
+    corners = np.array([[x, y, z] for x in (0, 0.2) for y in (0, 0.2) for z in (0, 0.2)])
+    quads = np.array(
+        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    )
+    points, faces = rounded(corners, triangles(quads), 0.012)
+    # A corner is rounded by more than an edge, the middle of a side by nothing.
+    to_corner = np.linalg.norm(points - corners[7], axis=1).min()
+    assert 0.004 < to_corner < 0.02
+    middle = points[np.linalg.norm(points - [0.1, 0.1, 0.2], axis=1).argmin()]
+    assert middle[2] == pytest.approx(0.2, abs=1e-6)
+    assert faces.max() == len(points) - 1
+
+
+def test_a_ball_of_quads_loses_its_facets_and_keeps_its_size():
+    polar, turn = np.meshgrid(
+        np.linspace(0.05, np.pi - 0.05, 25), np.arange(48) / 48 * 2 * np.pi, indexing="ij"
+    )
+    ball = np.stack(
+        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), -np.cos(polar)], -1
+    )
+    points, quads = grid(0.1 * ball, closed=True)
+    fine, fine_quads = smooth_quads(points, quads)
+    assert len(fine_quads) == 4 * len(quads)
+    radius = np.linalg.norm(fine, axis=1)
+    assert 0.0985 < radius.min() < radius.max() < 0.1001
+    border = on_border(len(points), quads)
+    np.testing.assert_array_equal(fine[: len(points)][border], points[border])

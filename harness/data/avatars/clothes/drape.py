@@ -17,12 +17,12 @@ from harness.core.errors import MethodError
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 from harness.data.avatars.clothes.patterns import Piece
-from harness.data.avatars.mesh.nearness import Nearness, keep_off
+from harness.data.avatars.mesh.nearness import Nearness, keep_off, pushed_off
 from harness.data.avatars.mesh.quads import Floats, triangles
 from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
 from harness.data.avatars.people.poses import Pose, joint_rotations
 
-__all__ = ["DrapeCheck", "Draped", "drape"]
+__all__ = ["DrapeCheck", "Draped", "Draping", "drape"]
 
 _WORKER = "harness.data.avatars.clothes.drape_worker"
 _CLEAR_M = 0.004
@@ -40,6 +40,21 @@ class _Motion:
 
 
 _ATTEMPTS = (_Motion(30, 18, 5), _Motion(40, 24, 9), _Motion(60, 30, 14))
+
+
+@dataclass(frozen=True)
+class Draping:
+    """How cloth is brought to rest.
+
+    evened: whether the finished drape is smoothed where it is moved off the body, which takes folds
+    with it. attempts: how often it is tried, each time more slowly.
+    """
+
+    evened: bool = True
+    attempts: int = len(_ATTEMPTS)
+
+
+_USUAL = Draping()
 
 
 @dataclass(frozen=True)
@@ -151,7 +166,11 @@ def _solve(
 
 
 def drape(
-    body: AvatarBody, pose: Pose, pieces: Sequence[Piece], progress: StepReport | None = None
+    body: AvatarBody,
+    pose: Pose,
+    pieces: Sequence[Piece],
+    progress: StepReport | None = None,
+    how: Draping = _USUAL,
 ) -> list[Draped]:
     """The pieces at rest on the posed body, draped one after the other in their order.
 
@@ -159,7 +178,7 @@ def drape(
         MethodError: no attempt gave cloth that rests on the body, or Blender failed.
     """
     complaints: list[str] = []
-    for attempt, motion in enumerate(_ATTEMPTS, start=1):
+    for attempt, motion in enumerate(_ATTEMPTS[: how.attempts], start=1):
         path = _path(body, pose, motion)
         skin = Nearness(path[-1].vertices, body.quads("skin"))
         out: list[Draped] = []
@@ -171,11 +190,14 @@ def drape(
             check = _judge(piece, frames[-1], frames[0], carried, skin)
             free = _FREE_M * float(np.ptp(piece.vertices[:, 1]))
             complaints += [f"{piece.name}: {text}" for text in check.complaints(free)]
-            clear = keep_off(frames[-1], piece.quads, skin, _CLEAR_M, rounds=6)
+            if how.evened:
+                clear = keep_off(frames[-1], piece.quads, skin, _CLEAR_M, rounds=6)
+            else:
+                clear = pushed_off(frames[-1], skin, _CLEAR_M)
             out.append(Draped(piece, clear, check, attempt))
         if not complaints:
             return out
     raise MethodError(
-        f"clothes did not come to rest in {len(_ATTEMPTS)} attempts: {'; '.join(complaints)}",
+        f"clothes did not come to rest in {how.attempts} attempts: {'; '.join(complaints)}",
         hint="Give the recipe another pose or a wider cut",
     )

@@ -12,6 +12,7 @@ from harness.data.avatars.clothes import wardrobe
 from harness.data.avatars.clothes.wardrobe import Bottom, Colour, Fabric, Hair, Shoes, Top
 
 __all__ = [
+    "CREASED_TEST_PALETTE",
     "SEALED_PALETTE",
     "TRAINING_PALETTE",
     "Palette",
@@ -34,7 +35,8 @@ class Palette:
     pattern_scale: tuple[float, float]
 
 
-# The written list has patterns of size 1.0 and less, training from 1.25 on; sealed lies between.
+# The written list has patterns of size 1.0 and less, training from 1.25 to 2.2; sealed lies
+# between, and the second test set above.
 TRAINING_PALETTE = Palette(
     skins=(
         (240, 206, 184),
@@ -78,6 +80,28 @@ SEALED_PALETTE = Palette(
     eyes=((76, 50, 36), (96, 116, 78), (84, 120, 158), (66, 48, 38)),
     soles=((218, 216, 208), (56, 52, 50)),
     pattern_scale=(1.04, 1.21),
+)
+CREASED_TEST_PALETTE = Palette(
+    skins=(
+        (238, 202, 180),
+        (220, 178, 148),
+        (194, 142, 110),
+        (154, 106, 76),
+        (112, 76, 56),
+        (86, 58, 46),
+    ),
+    hairs=(
+        (30, 24, 22),
+        (58, 40, 30),
+        (98, 64, 40),
+        (144, 100, 58),
+        (196, 160, 108),
+        (140, 138, 136),
+        (148, 78, 42),
+    ),
+    eyes=((80, 52, 32), (92, 112, 76), (72, 108, 146), (64, 46, 36)),
+    soles=((222, 220, 214), (50, 46, 46)),
+    pattern_scale=(2.25, 2.9),
 )
 
 _PATTERNS = ("plain", "plain", "stripes", "checks", "dots", "knit", "leaves", "denim")

@@ -8,7 +8,7 @@ import numpy as np
 
 from harness.data.avatars.mesh.quads import Floats, Ints, relax, triangles
 
-__all__ = ["Nearness", "keep_off"]
+__all__ = ["Nearness", "keep_off", "pushed_off"]
 
 _CHUNK = 1_000_000
 
@@ -84,4 +84,12 @@ def keep_off(
         vertices = vertices + np.maximum(gap - height, 0.0)[:, None] * outward
         if step < rounds - 3:
             vertices = relax(vertices, faces, 1, 0.3)
+    return vertices
+
+
+def pushed_off(vertices: Floats, surface: Nearness, gap: float, rounds: int = 2) -> Floats:
+    """Vertices (V,3) moved out until they are ``gap`` metres off the surface, and nothing else."""
+    for _ in range(rounds):
+        height, outward = surface.height(vertices)
+        vertices = vertices + np.maximum(gap - height, 0.0)[:, None] * outward
     return vertices

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats, Ints, Mask
 from harness.geometry.topology import edges_of, half_edges
 
 __all__ = [
@@ -19,6 +19,8 @@ __all__ = [
     "border_loops",
     "compact",
     "grid",
+    "neighbour_means",
+    "on_border",
     "refine",
     "relax",
     "relax_border",
@@ -77,7 +79,7 @@ def subdivision(size: int, quads: Ints) -> tuple[SparseMatrix, Ints]:
     return matrix, np.concatenate(parts)
 
 
-def _ring(size: int, faces: Ints) -> SparseMatrix:
+def neighbour_means(size: int, faces: Ints) -> SparseMatrix:
     """The matrix that takes the mean of each vertex's neighbours."""
     from scipy.sparse import coo_matrix, diags
 
@@ -113,9 +115,17 @@ def border_loops(faces: Ints) -> list[Ints]:
     return sorted(rolled, key=lambda loop: (-len(loop), int(loop[0])))
 
 
+def on_border(size: int, faces: Ints) -> Mask:
+    """(V,) which of ``size`` vertices lie on a border."""
+    edges = edges_of(faces)
+    out = np.zeros(size, bool)
+    out[edges.ends[edges.counts == 1].ravel()] = True
+    return out
+
+
 def relax(vertices: Floats, faces: Ints, times: int, share: float = 0.5) -> Floats:
     """Vertices (V,3) moved ``times`` towards the mean of their neighbours; borders are held."""
-    ring = _ring(len(vertices), faces)
+    ring = neighbour_means(len(vertices), faces)
     free = np.full((len(vertices), 1), share)
     for loop in border_loops(faces):
         free[loop] = 0.0

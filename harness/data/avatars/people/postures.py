@@ -36,10 +36,13 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Figure:
-    """Who takes the pose: stature in metres, and the trunk's width over an average one's."""
+    """Who takes the pose: stature in metres, the trunk's width over an average one's, and what is
+    kept free above the head and below the feet because the stature is an estimate.
+    """
 
     stature_m: float
     girth: float = 1.0
+    spare_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -196,7 +199,7 @@ def _fits(figure: Figure, at: _Points) -> bool:
     offset = points - 0.5 * (low + high)
     away = np.hypot(offset[:, 0], offset[:, 2])
     # What is off the middle is nearer to one of the cameras, which then sees less of its height.
-    rise = np.abs(offset[:, 1]) + _SOLES_AND_HAIR_M
+    rise = np.abs(offset[:, 1]) + (_SOLES_AND_HAIR_M + figure.spare_m)
     return bool(
         high[1] - low[1] > _LEAST_HEIGHT_M
         and high[1] <= crown[1]

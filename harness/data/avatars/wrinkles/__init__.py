@@ -1,0 +1,1 @@
+"""Wrinkles: a draped garment made finer and relaxed with more length than there is room for."""
