@@ -17,7 +17,7 @@ PACKAGES = {"harness", "renderers", "methods", "metrics", "reports"}
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 #: Data files that packages may carry beside their modules.
-SHIPPED_DATA = {".csv", ".yaml", ".json", ".npz", ".onnx"}
+SHIPPED_DATA = {".csv", ".yaml", ".json", ".npz", ".onnx", ".toml"}
 #: Where networks lie, with a page on where they come from.
 WEIGHTS = "methods/normals/weights"
 #: Where published results lie, likewise.
@@ -95,6 +95,15 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
     assert "harness/core/cameras/camera.py" in code
     unexpected = [name for name in others if Path(name).suffix not in SHIPPED_DATA]
     assert set(unexpected) <= {f"{WEIGHTS}/PROVENANCE.md", f"{PUBLISHED}/PROVENANCE.md"}
+
+
+def test_the_wheel_holds_the_manifest_of_every_worker(wheel: list[str]) -> None:
+    manifests = {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "methods").rglob("method.toml")
+    }
+
+    assert manifests
+    assert manifests <= set(wheel)
 
 
 def test_the_wheel_holds_every_module_of_the_tree(wheel: list[str]) -> None:

@@ -104,5 +104,6 @@ def test_published_benchmark_against_the_plain_way(benchmark, in_turns, name: st
     error = mean_error(turns.results["ours"], truth, mask)
     benchmark.extra_info["error_mm"] = error
     benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
-    assert error <= mean_error(turns.results["plain"], truth, mask)
+    # As for the balls: the same iteration, but another solver stops elsewhere within its tolerance.
+    assert error <= 1.01 * mean_error(turns.results["plain"], truth, mask)
     assert turns.ratio("plain", "ours") > LEAST_SPEEDUP, turns.seconds

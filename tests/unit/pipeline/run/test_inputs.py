@@ -22,6 +22,13 @@ from harness.pipeline.run.record_inputs import evaluated, method_code, scored_el
 from methods.catalog import METHODS
 
 HULL = "methods.hull"
+#: Modules of methods that hand out a mesh alone.
+WITHOUT_BODY = (
+    HULL,
+    "methods.gt",
+    "methods.from_points.feedforward",
+    "methods.from_points.oracle8",
+)
 INFO = MethodInfo(
     "hull8", "Hull", parts=(Part("p", "n", "l", "1"),), parameters={"hull": {"voxel_m": 0.1}}
 )
@@ -50,7 +57,7 @@ def test_scoring_of_bodies_and_normals_counts_where_it_is_used(name: str) -> Non
     found = set(method_code(METHODS.module(name), ()).modules)
     module = METHODS.module(name)
 
-    assert ("harness.pipeline.scoring.bodies" in found) == (module not in (HULL, "methods.gt"))
+    assert ("harness.pipeline.scoring.bodies" in found) == (module not in WITHOUT_BODY)
     clothed = module in ("methods.econ", "methods.mexecon", "methods.nview.method")
     assert ("harness.pipeline.scoring.normals" in found) == clothed
     assert "harness.pipeline.inputs.oracle_normals" not in found
