@@ -138,7 +138,6 @@ def test_a_garment_that_collapsed_is_refused_and_named(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("avatar")
 def test_a_creased_person_folds_as_real_clothes_do(tmp_path):
     """Jersey over poplin: between smooth jersey, 7 degrees, and crumpled cotton, 18."""
     name = "v00004"
