@@ -18,29 +18,15 @@ from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.people.body import AvatarBody, carry
 from harness.data.avatars.people.poses import POSES, joint_rotations
-from harness.data.avatars.people.postures import pose_distance_deg
 from harness.data.avatars.populations import LEAST_POSE_DISTANCE_DEG, sealed_ids
 from harness.data.avatars.recipe import recipe_for, subject_ids
 from harness.data.manifest import load_manifest
 from metrics.folds import PIXEL_M, fold_strength, true_normals
+from tests.unit.data.test_avatars_populations import fabrics, least_distance, poses
 
 TESTED = creased_test_ids()
 TRAINING = tuple(f"v{k:05d}" for k in range(1, 25))
 OTHERS = (*subject_ids(), *sealed_ids(), "t00001", "t00002", "u00001", "u00002")
-
-
-def poses(ids):
-    return [recipe_for(subject).posture for subject in ids]
-
-
-def least_distance(some, others):
-    return min(pose_distance_deg(one, other) for one in some for other in others)
-
-
-def fabrics(ids):
-    recipes = [recipe_for(subject) for subject in ids]
-    found = [(r.top.fabric, r.top.inner, r.bottom and r.bottom.fabric) for r in recipes]
-    return [fabric for group in found for fabric in group if fabric]
 
 
 def test_there_are_twenty_and_the_manifest_lists_them(request):
