@@ -13,19 +13,22 @@ from typing import Any
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
+from harness.core.files.hashing import file_sha256
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo, Part
 from harness.core.settings import by_room, overridden
+from harness.core.shared_work import Work
 from methods.body.fit.jmbo import NormalsOf
 from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
 from methods.body.models.parts import body_part
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.photos import detection
-from methods.body.photos.views import Views, load_views
+from methods.body.photos.views import Given, Views, load_views
 from methods.body.pixie.start import pixie_each_view, pixie_part
 from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
+from methods.body.stored_fit import packed, unpacked
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import NormalChoice
@@ -102,12 +105,48 @@ class BodyFit:
 
     def fit(self, capture: Capture, context: Context) -> BodyFitResult:
         """The fitted body; arguments and errors are those of ``reconstruct``."""
-        wanted = [view for view in self.views if view < len(capture.cameras)]
+        if self.settings.uses_oracle:
+            # A scan's normals are no content that a key could name.
+            return self._fitted(capture, context)
+        return context.share(
+            Work(
+                name="body fit",
+                module=__name__,
+                inputs=self._fit_inputs(capture, context),
+                make=lambda: self._fitted(capture, context),
+                packed=packed,
+                unpacked=unpacked,
+            )
+        )
+
+    def _fit_inputs(self, capture: Capture, context: Context) -> dict[str, object]:
+        wanted = self._wanted(capture)
+        centre = context.privileged[Privilege.SUBJECT_CENTRE] if self._is_given_centre() else None
+        return {
+            "photos": [file_sha256(capture.image_path(view)) for view in wanted],
+            "cameras": [capture.cameras[view].to_dict() for view in wanted],
+            "views": wanted,
+            "settings": self.settings.in_use(len(self.views)),
+            "parts": [part.to_dict() for part in _parts(self.settings)],
+            "centre": None if centre is None else [float(value) for value in centre],
+            "seed": context.seed if self.settings.draws(len(wanted)) else None,
+        }
+
+    def _wanted(self, capture: Capture) -> list[int]:
+        return [view for view in self.views if view < len(capture.cameras)]
+
+    def _fitted(self, capture: Capture, context: Context) -> BodyFitResult:
         lent = context.privileged
         normals = lent[Privilege.ORACLE_NORMALS] if self.settings.uses_oracle else None
         centre = lent[Privilege.SUBJECT_CENTRE] if self._is_given_centre() else None
         with context.stage("landmarks"):
-            views = load_views(capture, wanted, self.settings.subject_px, normals, centre)
+            views = load_views(
+                capture,
+                self._wanted(capture),
+                self.settings.subject_px,
+                Given(normals, centre),
+                context.share,
+            )
         with context.stage("body model"):
             body = body_model(self.settings.model, self.settings.model_file)
 

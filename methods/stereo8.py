@@ -19,12 +19,11 @@ from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, check_choice, overridden
-from harness.geometry.photo import open_photo
 from methods.body.result import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.nview.start import clothed, start_surface
-from methods.nview.views import FusionView, checked_views, fusion_view
+from methods.nview.views import checked_views, outline_views
 from methods.photo_pull import (
     StereoTask,
     hands_of,
@@ -152,14 +151,9 @@ class Stereo8:
         return StereoSettings(match=rooms.match, keep=rooms.keep, narrow=rooms.narrow)
 
     def _start(self, capture: Capture, indices: Sequence[int], skin: Mesh) -> Mesh:
-        views = checked_views([_outline(capture, view) for view in indices])
+        views = checked_views(outline_views(capture, indices))
         own = self._rooms.start
         return start_surface(views, own.voxel_m, clothed(skin, views), own.margin_m)
-
-
-def _outline(capture: Capture, view: int) -> FusionView:
-    camera = capture.cameras[view]
-    return fusion_view(view, camera, open_photo(capture, view).coverage)
 
 
 stereo8 = Stereo8()

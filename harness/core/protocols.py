@@ -12,6 +12,7 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import MethodError
 from harness.core.privileges import Privilege
+from harness.core.shared_work import Sharing, alone
 
 __all__ = [
     "Configurable",
@@ -145,6 +146,7 @@ class Context:
         stage: ``with context.stage("carve"):`` times a stage and watches its memory.
         privileged: What the method's declared privileges ask for, by privilege's value.
         keep: Whether intermediate results are wanted; without it nothing need be written.
+        share: Makes what other methods make alike, or hands it out where one has made it.
     """
 
     seed: int
@@ -152,6 +154,7 @@ class Context:
     stage: Callable[[str], AbstractContextManager[None]]
     privileged: Mapping[str, Any] = field(default_factory=dict[str, Any])
     keep: bool = False
+    share: Sharing = alone
 
 
 @runtime_checkable

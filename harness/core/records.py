@@ -30,7 +30,9 @@ __all__ = [
     "Status",
 ]
 
-RECORD_SCHEMA = 2
+RECORD_SCHEMA = 3
+#: An earlier schema, which lacks these fields; they have their defaults there.
+_EARLIER_SCHEMA, _NEW_FIELDS = 2, {"shared_work": []}
 
 Status = Literal["ok", "failed", "missing"]
 
@@ -135,6 +137,10 @@ class Record:
     """What stands behind the means; None unless ``ok``."""
     stages: tuple[StageCost, ...] = ()
     """Time and memory by stage of the method, in order."""
+    shared_work: tuple[str, ...] = ()
+    """What was taken over from another method that had made the same, such as ``body fit``. Its
+    stages have the cost that was measured when it was made; memory that it would have left behind
+    is not in the peaks of later stages."""
     details: Mapping[str, object] = field(default_factory=dict[str, object])
     """What the method wants a reader to know, as JSON values. Nothing here reads it back."""
     environment: Environment | None = None
@@ -180,6 +186,8 @@ class Record:
         """
         document = read_json(path)
         schema = document.pop("schema", None)
+        if schema == _EARLIER_SCHEMA:
+            document, schema = {**_NEW_FIELDS, **document}, RECORD_SCHEMA
         if schema != RECORD_SCHEMA:
             raise DataError(
                 f"{path} is not a record of this version",

@@ -26,7 +26,6 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.images import save_png
-from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
@@ -41,7 +40,8 @@ from methods.nview.views import (
     FusionView,
     NormalTargets,
     checked_views,
-    fusion_view,
+    even_choice,
+    outline_views,
 )
 from methods.photo_pull import (
     PulledSurface,
@@ -174,13 +174,14 @@ class FusedMethod:
         """The clothed mesh, closed and in one piece, and the body within it, world metres.
 
         Raises:
-            MethodError: fewer than 3 views, no person found, outlines or normals that contradict
-                each other.
+            MethodError: fewer than 3 views or than the settings ask for, no person found, outlines
+                or normals that contradict each other.
             MissingPart: the body model, MediaPipe, or a network is not installed.
         """
         settings = self.settings
+        capture = even_choice(capture, settings.views)
         with context.stage("outlines"):
-            outlines = checked_views(_outline_views(capture))
+            outlines = checked_views(outline_views(capture, range(len(capture.cameras))))
         person = self._person(capture, outlines, context)
         with context.stage("normals"):
             views, shown = self._with_normals(capture, outlines, person.shape, context)
@@ -266,17 +267,6 @@ class FusedMethod:
             if view.index in (0, len(views) // 2):
                 shown.append(maps)
         return given, shown
-
-
-def _outline_views(capture: Capture) -> list[FusionView]:
-    return [
-        fusion_view(
-            index,
-            camera,
-            open_photo(capture, index).coverage,
-        )
-        for index, camera in enumerate(capture.cameras)
-    ]
 
 
 def _targets(maps: ViewMaps) -> NormalTargets:

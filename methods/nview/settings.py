@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from harness.core.errors import HarnessError
 from harness.core.settings import check_choice
 from methods.normals import NormalChoice
+from methods.nview.views import MOST_VIEWS
 
 __all__ = ["FusionSettings"]
 
@@ -21,6 +22,7 @@ class FusionSettings:
     exact normals.
 
     Attributes:
+        views: How many of the photos are used, as evenly apart as can be; 0 uses all.
         normals: ``open`` (the network that is shipped), ``onnx``, ``body``, ``oracle`` (a
             privilege), or ``off``: outlines alone.
         normals_model: A network's file or the name of an imported one, for ``onnx``.
@@ -55,6 +57,7 @@ class FusionSettings:
         deflation_m: By how much in a round, metres.
     """
 
+    views: int = 0
     normals: str = "open"
     normals_model: str = ""
     resolution: int = 512
@@ -88,6 +91,7 @@ class FusionSettings:
         check_choice("outlines", self.outlines, ("on", "off"))
         check_choice("photos", self.photos, ("on", "off"))
         for name, low, high, unit in (
+            ("views", 0, MOST_VIEWS, "views"),
             ("resolution", 64, 4096, "pixels"),
             ("rounds", 0, 100, "rounds"),
             ("fine_share", 0.2, 1.0, "times voxel_m"),

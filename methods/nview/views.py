@@ -8,11 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.core.arrays import Floats, Singles
+from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
+from harness.geometry.photo import open_photo
 from methods.nview.outlines import SignedOutline, signed_outline
 
-__all__ = ["MOST_VIEWS", "FusionView", "NormalTargets", "checked_views", "fusion_view"]
+__all__ = [
+    "MOST_VIEWS",
+    "FusionView",
+    "NormalTargets",
+    "checked_views",
+    "even_choice",
+    "fusion_view",
+    "outline_views",
+]
 
 #: Fewer silhouettes leave most of the hull's surface free.
 LEAST_VIEWS = 3
@@ -88,6 +98,49 @@ def fusion_view(
     except MethodError as error:
         raise error.located(f"view {index}") from error
     return FusionView(index, camera, outline, targets)
+
+
+def outline_views(capture: Capture, indices: Sequence[int]) -> list[FusionView]:
+    """Some views of a capture with their outlines alone.
+
+    Raises:
+        MethodError: a photo of another size than its camera's, or without the subject.
+        DataError: a photo that cannot be read.
+    """
+    return [
+        fusion_view(index, capture.cameras[index], open_photo(capture, index).coverage)
+        for index in indices
+    ]
+
+
+def even_choice(capture: Capture, count: int) -> Capture:
+    """The capture with so many of its views, the front and others as evenly apart as can be.
+
+    Args:
+        capture: Counted from the front.
+        count: How many; 0 takes all.
+
+    Raises:
+        MethodError: the capture has fewer.
+    """
+    total = len(capture.cameras)
+    if count > total:
+        raise MethodError(
+            f"{count} views were asked for",
+            expected=f"at most the {total} of the photos",
+            got=f"{count}",
+            hint=f"Set nview.views to at most {total}, or 0 for all",
+        )
+    if count in (0, total):
+        return capture
+    # A whole number of views apart where that can be; never the same view twice.
+    chosen = [view * total // count for view in range(count)]
+    numbers = capture.numbers or tuple(range(total))
+    return replace(
+        capture,
+        cameras=tuple(capture.cameras[view] for view in chosen),
+        numbers=tuple(numbers[view] for view in chosen),
+    )
 
 
 def checked_views(views: Sequence[FusionView]) -> tuple[FusionView, ...]:

@@ -47,6 +47,7 @@ def cost_table(
         remarks=(
             "Time: mean over subjects. Memory: highest of any subject",
             *selection.remarks,
+            *_sharing_remarks(selection.groups),
             *_machine_remarks(record for group in selection.groups for record in group.ok),
         ),
         published=PUBLISHED["cost"] if published else None,
@@ -85,6 +86,19 @@ def _cells(
     }
     gpu = [stage.peak_gpu_mib for stage in stages if stage.peak_gpu_mib is not None]
     return {**cells, "peak_gpu_mib": Cell(max(gpu))} if gpu else cells
+
+
+def _sharing_remarks(groups: Iterable[Group]) -> list[str]:
+    """Which rows took work over, because their peaks do not hold what it leaves in memory."""
+    rows = [group for group in groups if any(record.shared_work for record in group.ok)]
+    if not rows:
+        return []
+    work = sorted({name for group in rows for record in group.ok for name in record.shared_work})
+    titles = ", ".join(group.method for group in rows)
+    return [
+        f"Taken over from other rows on some subjects ({', '.join(work)}): {titles}. Times are "
+        "those of doing all alone; peaks of memory may be lower ('--no-share' measures them)"
+    ]
 
 
 def _machine_remarks(records: Iterable[Record]) -> list[str]:

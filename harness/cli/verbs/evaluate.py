@@ -96,6 +96,14 @@ def evaluate(
     keep: Keep = False,
     reason: Reason = "",
     timeout: Timeout = 3600.0,
+    share: Annotated[
+        bool,
+        typer.Option(
+            "--share/--no-share",
+            help="Make body fits and landmarks once for all methods that need the same ones; their "
+            "cost is counted for each.",
+        ),
+    ] = True,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only show what would run, and why.")
     ] = False,
@@ -126,6 +134,7 @@ def evaluate(
         keep=keep,
         reason=reason,
         timeout_s=limit_s(timeout),
+        share=share,
     )
     if dry_run:
         _show_plan(request, as_json=as_json)

@@ -43,6 +43,11 @@ class Workspace:
         return self.runs / checked_name("run", name)
 
     @property
+    def shared(self) -> Path:
+        """Folder of work that methods share; deleting it loses nothing but time."""
+        return self.root / "captures" / ".shared"
+
+    @property
     def runs(self) -> Path:
         """Folder of all runs."""
         return self.root / "runs"

@@ -16,6 +16,7 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.results import Scores
 from harness.core.settings import MetricProtocol
+from harness.core.shared_work import Sharing, alone
 from harness.core.truth import TrueBody, face_regions, true_body
 from harness.pipeline.inputs.oracle_normals import OracleNormals
 from harness.pipeline.scoring.bodies import body_errors
@@ -71,9 +72,20 @@ def lent_to(method: MethodInfo, capture: Capture, truth: Mesh) -> dict[str, obje
 
 
 def scores_of(
-    result: Reconstruction, capture: Capture, truth: Truth, protocol: MetricProtocol
+    result: Reconstruction,
+    capture: Capture,
+    truth: Truth,
+    protocol: MetricProtocol,
+    share: Sharing = alone,
 ) -> Scores:
     """The numbers of a result under a protocol.
+
+    Args:
+        result: What a method made.
+        capture: The photos that it was made from.
+        truth: What it is compared with.
+        protocol: How.
+        share: Makes what scores of several methods need alike, or hands it out.
 
     Raises:
         MethodError: the result has no mesh.
@@ -87,7 +99,7 @@ def scores_of(
     mesh = result.mesh.geometry()
     scores = mesh_scores(mesh, truth.scan, truth.mesh, protocol, misplaced="tell")
     if result.body:
-        errors = body_errors(result.body, capture, truth.mesh, truth.body)
+        errors = body_errors(result.body, capture, truth.mesh, truth.body, share)
         scores = replace(scores, metrics={**scores.metrics, **errors.by_id()})
     if result.normals:
         maps = normal_map_errors(result.normals, truth.scan, truth.mesh)

@@ -27,6 +27,7 @@ class CellJob:
         inputs: What the record is made from; its key is the record's.
         folder: Receives mesh, body and normals.
         keep: Whether intermediate results stay.
+        share: Whether work that was made for another method before is taken over.
     """
 
     source: Source
@@ -36,6 +37,7 @@ class CellJob:
     inputs: Inputs
     folder: Path
     keep: bool
+    share: bool = True
 
     @property
     def subject(self) -> str:
@@ -54,6 +56,7 @@ class CellJob:
             "inputs": self.inputs.to_dict(),
             "folder": str(self.folder),
             "keep": self.keep,
+            "share": self.share,
         }
 
     @classmethod
@@ -73,4 +76,5 @@ class CellJob:
             inputs=Inputs.from_dict(values["inputs"]),
             folder=Path(values["folder"]),
             keep=values["keep"],
+            share=values["share"],
         )

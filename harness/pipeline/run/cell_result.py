@@ -24,7 +24,7 @@ class CellResult:
         reason: Why not ``ok``.
         by_method: Whether a failure is the method's own; others never replace a good record.
         scores: The numbers; none unless ``ok``.
-        stages, details, files: As in ``Record``.
+        stages, shared_work, details, files: As in ``Record``.
         environment: The worker's; None where there was no worker.
     """
 
@@ -33,6 +33,7 @@ class CellResult:
     by_method: bool = True
     scores: Scores = field(default_factory=Scores)
     stages: tuple[StageCost, ...] = ()
+    shared_work: tuple[str, ...] = ()
     details: Mapping[str, object] = field(default_factory=dict[str, object])
     files: Mapping[str, str] = field(default_factory=dict[str, str])
     environment: Environment | None = None

@@ -22,6 +22,7 @@ from harness.core.process.differences import listed_differences
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import Context
+from harness.core.shared_work import Sharing, alone
 from harness.pipeline.inputs.environment import environment
 from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
 from harness.pipeline.run.cell_job import CellJob
@@ -29,6 +30,7 @@ from harness.pipeline.run.cell_result import CellResult
 from harness.pipeline.run.cost import StageMeter
 from harness.pipeline.run.record_inputs import Inputs, evaluated
 from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, save_body, save_normals
+from harness.pipeline.run.shared_results import SharedResults
 
 __all__ = ["handle"]
 
@@ -98,9 +100,12 @@ class _Task:
         truth = Truth.read(*self.job.source.load(self.job.subject))
         meter = StageMeter()
         try:
-            result = self._reconstruction(capture, truth.mesh, meter)
+            share = self._sharing(meter)
+            result = self._reconstruction(capture, truth.mesh, meter, share)
             self._require_planned_scoring(result)
-            scores = scores_of(result, capture, truth, self.job.protocol)
+            # Scoring is no cost of the method's.
+            others = self._sharing(StageMeter())
+            scores = scores_of(result, capture, truth, self.job.protocol, others)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except HarnessError as error:
@@ -109,11 +114,20 @@ class _Task:
             "ok",
             scores=scores,
             stages=tuple(meter.stages),
+            shared_work=_taken_over(share),
             details=result.details,
             files=self._written(result),
         )
 
-    def _reconstruction(self, capture: Capture, truth: Mesh, meter: StageMeter) -> Reconstruction:
+    def _sharing(self, meter: StageMeter) -> Sharing:
+        folder = self.job.source.workspace.shared
+        if not self.job.share:
+            return alone
+        return SharedResults(folder, meter, is_current=lambda: not self.changed())
+
+    def _reconstruction(
+        self, capture: Capture, truth: Mesh, meter: StageMeter, share: Sharing
+    ) -> Reconstruction:
         info = self.job.method.info
         with self._workdir() as workdir:
             context = Context(
@@ -122,6 +136,7 @@ class _Task:
                 stage=meter.stage,
                 privileged=lent_to(info, capture, truth),
                 keep=self.job.keep,
+                share=share,
             )
             return self.job.method.method.reconstruct(capture, context)
 
@@ -161,6 +176,11 @@ class _Task:
             save_normals(folder / NORMALS_FILE, result.normals)
         files = sorted(path for path in folder.iterdir() if path.is_file())
         return {path.name: file_sha256(path) for path in files}
+
+
+def _taken_over(share: Sharing) -> tuple[str, ...]:
+    """Which work was taken over, each kind once."""
+    return tuple(dict.fromkeys(share.taken)) if isinstance(share, SharedResults) else ()
 
 
 if __name__ == "__main__":

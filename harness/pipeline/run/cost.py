@@ -6,7 +6,7 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import psutil
 
@@ -23,19 +23,59 @@ class StageMeter:
 
     def __init__(self) -> None:
         self.stages: list[StageCost] = []
+        self._open = 0
+        self._borrowed: list[StageCost] = []
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Measure the block as one stage; it is recorded when the block fails, too."""
         peak = _PeakMemory()
         gpu = _Gpu()
+        before, self._borrowed = self._borrowed, []
+        self._open += 1
         start = time.perf_counter()
         try:
             with peak:
                 yield
         finally:
-            wall_s = time.perf_counter() - start
-            self.stages.append(StageCost(name, wall_s, peak.mib, gpu.peak_mib()))
+            cost = StageCost(name, time.perf_counter() - start, peak.mib, gpu.peak_mib())
+            self.stages.append(_sum(cost, self._borrowed))
+            self._borrowed = before
+            self._open -= 1
+
+    @contextlib.contextmanager
+    def watched(self, name: str) -> Iterator[list[StageCost]]:
+        """Fill a list with the cost of the block: of its stages, or of the whole if it has none.
+
+        Nothing is counted twice: within a stage the block counts as part of that stage.
+        """
+        own: list[StageCost] = []
+        first, peak, gpu, start = len(self.stages), _PeakMemory(), _Gpu(), time.perf_counter()
+        with peak:
+            yield own
+        whole = StageCost(name, time.perf_counter() - start, peak.mib, gpu.peak_mib())
+        own.extend(self.stages[first:] or [whole])
+
+    def add(self, stages: Sequence[StageCost]) -> None:
+        """Count work that was done earlier at what it cost then.
+
+        Within a stage it belongs to that stage; otherwise its stages are stages of their own.
+        """
+        if self._open:
+            self._borrowed.extend(stages)
+        else:
+            self.stages.extend(stages)
+
+
+def _sum(cost: StageCost, borrowed: Sequence[StageCost]) -> StageCost:
+    """A stage with what it borrowed: times add up, of memory the highest counts."""
+    gpu = [each.peak_gpu_mib for each in (cost, *borrowed) if each.peak_gpu_mib is not None]
+    return StageCost(
+        cost.name,
+        cost.wall_s + sum(each.wall_s for each in borrowed),
+        max(each.peak_rss_mib for each in (cost, *borrowed)),
+        max(gpu) if gpu else None,
+    )
 
 
 class _PeakMemory:

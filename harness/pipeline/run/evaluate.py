@@ -184,6 +184,7 @@ class _Run:
             inputs=cell.inputs,
             folder=cell.folder.new_attempt(),
             keep=request.keep,
+            share=request.share,
         )
         try:
             values = run_worker(
@@ -226,6 +227,7 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         warnings=result.scores.warnings,
         diagnostics=result.scores.diagnostics,
         stages=result.stages,
+        shared_work=result.shared_work,
         details=result.details,
         environment=result.environment or environment(),
         created_utc=utc_now(),

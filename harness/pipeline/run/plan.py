@@ -91,6 +91,7 @@ class EvalRequest:
         keep: Whether intermediate results are kept beside the mesh.
         reason: Why sealed subjects are evaluated; needed for sealed subjects only.
         timeout_s: Longest time for the photos of a subject, and for a cell; None is no limit.
+        share: Whether methods share what they make alike, such as a body fit.
     """
 
     source: Source
@@ -102,6 +103,7 @@ class EvalRequest:
     keep: bool = False
     reason: str = ""
     timeout_s: float | None = 3600.0
+    share: bool = True
 
     def cell(self, method: ChosenMethod, files: SubjectFiles) -> Cell:
         """The cell of a method on a subject whose photos and scan are there.

@@ -16,6 +16,7 @@ from harness.core.artifacts import Body, Capture
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.core.results import BodyErrors, MetricValue
+from harness.core.shared_work import Sharing, alone
 from harness.core.truth import TrueBody
 from harness.core.units import Unit
 from harness.geometry.raycast import Raycaster
@@ -39,7 +40,9 @@ class _ViewErrors:
     landmark_loss: float
 
 
-def body_errors(body: Body, capture: Capture, scan: Mesh, truth: TrueBody | None) -> BodyErrors:
+def body_errors(
+    body: Body, capture: Capture, scan: Mesh, truth: TrueBody | None, share: Sharing = alone
+) -> BodyErrors:
     """Every metric that the body and the dataset allow.
 
     Args:
@@ -47,12 +50,13 @@ def body_errors(body: Body, capture: Capture, scan: Mesh, truth: TrueBody | None
         capture: The photos.
         scan: The subject's true surface, world metres.
         truth: The true body, where the dataset has it.
+        share: Finds the landmarks, or hands out those that were found before.
 
     Raises:
         DataError: an image cannot be read.
         MissingPart: MediaPipe is not installed.
     """
-    views = _view_errors(body, capture, scan)
+    views = _view_errors(body, capture, scan, share)
     silhouette = _mean([view.silhouette_loss for view in views], Unit.none)
     normal = _mean([view.normal_loss for view in views], Unit.none)
     landmark = _mean([view.landmark_loss for view in views], Unit.none)
@@ -81,8 +85,8 @@ def _mean(by_view: Sequence[float], unit: Unit) -> MetricValue | None:
     return _value(float(values.mean()), unit, len(values)) if len(values) else None
 
 
-def _view_errors(body: Body, capture: Capture, scan: Mesh) -> list[_ViewErrors]:
-    found = detect(capture, range(len(capture.cameras)))
+def _view_errors(body: Body, capture: Capture, scan: Mesh, share: Sharing) -> list[_ViewErrors]:
+    found = detect(capture, range(len(capture.cameras)), share)
     ours = Raycaster(Mesh(vertices=body.vertices, faces=body.faces, source="fitted body"))
     theirs = Raycaster(scan.geometry())
     views = []

@@ -142,7 +142,7 @@ def _first_and_kept(
 
 def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:
     """The views of each iteration; in mini-batches every view comes equally often."""
-    if not 0 < weights.batch < count:
+    if not weights.draws(count):
         return [range(count)] * weights.iterations
     generator = np.random.default_rng(seed)
     order: list[int] = []

@@ -62,3 +62,7 @@ class Weights:
             ("schedule", ("plateau", "ramp")),
         ):
             check_choice(name, getattr(self, name), known)
+
+    def draws(self, views: int) -> bool:
+        """Whether the views of each iteration are drawn, so that a fit to so many has a seed."""
+        return 0 < self.batch < views

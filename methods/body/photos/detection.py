@@ -14,6 +14,7 @@ import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,10 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.errors import MissingPart
+from harness.core.files.hashing import file_sha256
+from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.protocols import Part
+from harness.core.shared_work import Sharing, Work, alone
 from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG
@@ -102,24 +106,43 @@ def part() -> Part:
         return Part("landmarks", "MediaPipe Holistic", "Apache-2.0")
 
 
-def detect(capture: Capture, views: Sequence[int]) -> Detections:
+def detect(capture: Capture, views: Sequence[int], share: Sharing = alone) -> Detections:
     """Landmarks in some views of a capture; a view without a person has confidence 0.
 
     No other view's photo is opened.
+
+    Args:
+        capture: The photos.
+        views: Which of them.
+        share: Reads each photo, or hands out what was read before.
 
     Raises:
         MissingPart: MediaPipe is not installed.
         DataError: an image cannot be read.
     """
-    found = [
-        _detect(PictureFile.of(capture.image_path(view)), capture.cameras[view].size)
-        for view in views
-    ]
+    try:
+        found = [
+            share(_reading_of(capture.image_path(view), capture.cameras[view].size))
+            for view in views
+        ]
+    finally:
+        _forget_detector()
     return Detections(
         pixels=np.array([reading.pixels for reading in found]),
         points_camera=np.array([reading.points_camera for reading in found]) @ _upright().T,
         confidence=np.array([reading.confidence for reading in found]),
         hands=np.array([reading.hands for reading in found]),
+    )
+
+
+def _reading_of(path: Path, size: tuple[int, int]) -> Work[Reading]:
+    return Work(
+        name="landmarks",
+        module=__name__,
+        inputs={"photo": file_sha256(path), "size": list(size)},
+        make=lambda: _detect(PictureFile.of(path), size),
+        packed=lambda reading: reading._asdict(),
+        unpacked=lambda arrays: Reading(*(arrays[name] for name in Reading._fields)),
     )
 
 
@@ -225,6 +248,14 @@ def _detector() -> Any:
         ) from error
     holistic = mediapipe.solutions.holistic.Holistic
     return holistic(static_image_mode=True, model_complexity=1)
+
+
+def _forget_detector() -> None:
+    """It holds 180 MiB, which a method can use for the rest of its time."""
+    if _detector.cache_info().currsize:
+        _detector().close()
+        _detector.cache_clear()
+        give_freed_memory_back()
 
 
 def _window(mask: Mask) -> Window:

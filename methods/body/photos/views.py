@@ -11,13 +11,14 @@ from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
+from harness.core.shared_work import Sharing, alone
 from harness.geometry.outline import Outline
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
 from harness.geometry.window import Window
 from methods.body.photos.detection import Detections, detect
 
-__all__ = ["FRAME_MARGIN", "View", "Views", "frame_side_px", "load_views"]
+__all__ = ["FRAME_MARGIN", "Given", "View", "Views", "frame_side_px", "load_views"]
 
 
 #: Side of the square that losses refer to, in longer sides of the subject's box, about as in ECON's
@@ -69,6 +70,20 @@ class Views:
         return tuple(view.index for view in self.views)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """What is known of a subject beyond its photos: privileges.
+
+    Attributes:
+        normals: Makes the clothed normals (H, W, 3) of a camera, map frame.
+        centre: (3,) the middle of the subject's box, world metres; without it the photos tell where
+            the subject stands.
+    """
+
+    normals: Callable[[Camera], Floats] | None = None
+    centre: Floats | None = None
+
+
 def frame_side_px(inside: Mask) -> float:
     """Side of the square that losses refer to: a little more than the subject's box, pixels."""
     return FRAME_MARGIN * Window.around(inside).longer_side
@@ -78,8 +93,8 @@ def load_views(
     capture: Capture,
     indices: Sequence[int],
     subject_px: int,
-    normals: Callable[[Camera], Floats] | None = None,
-    centre: Floats | None = None,
+    given: Given | None = None,
+    share: Sharing = alone,
 ) -> Views:
     """The usable ones among some views of a capture.
 
@@ -87,15 +102,15 @@ def load_views(
         capture: The photos.
         indices: Which of its views.
         subject_px: Longer side of the subject in working pixels; pictures are never enlarged.
-        normals: Makes the clothed normals (H, W, 3) of a camera, map frame.
-        centre: (3,) the middle of the subject's box, world metres, where that is given away;
-            otherwise the photos tell where the subject stands.
+        given: What is known beyond photos; None is nothing.
+        share: Finds the landmarks, or hands out those that were found before.
 
     Raises:
         MethodError: no view shows a person.
         MissingPart: MediaPipe is not installed.
     """
-    found = detect(capture, indices)
+    given = given or Given()
+    found = detect(capture, indices, share)
     outlines: dict[int, Outline] = {}
     left_out: dict[int, str] = {}
     for index, confidence in zip(indices, found.confidence, strict=True):
@@ -114,13 +129,13 @@ def load_views(
             got="; ".join(f"view {index}: {why}" for index, why in left_out.items()),
         )
     place = place_of(list(outlines.values()))
-    if centre is not None:
-        place = replace(place, centre=centre, depth_is_known=True)
+    if given.centre is not None:
+        place = replace(place, centre=given.centre, depth_is_known=True)
     views = [
         _working_view(index, outline, subject_px, place) for index, outline in outlines.items()
     ]
-    if normals is not None:
-        views = [replace(view, normals_camera=normals(view.camera)) for view in views]
+    if given.normals is not None:
+        views = [replace(view, normals_camera=given.normals(view.camera)) for view in views]
     detections = found.at([list(indices).index(index) for index in outlines])
     scales = [
         [view.camera.width / capture.cameras[view.index].width,

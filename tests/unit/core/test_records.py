@@ -52,13 +52,13 @@ def test_a_record_there_and_back(tmp_path: Path, record: Record) -> None:
 
     assert back == record
     assert back.method_name == "hull8"
-    assert json.loads(path.read_text())["schema"] == 2
+    assert json.loads(path.read_text())["schema"] == 3
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema=1), "not a record of this version .*schema 2; got 1"),
+        (lambda d: d.update(schema=1), "not a record of this version .*schema 3; got 1"),
         (lambda d: d.pop("schema"), "not a record of this version .*got None"),
         (lambda d: d.pop("metrics"), "not a record .*metrics"),
         (lambda d: d.pop("key"), "not a record .*key"),
@@ -173,3 +173,12 @@ def test_only_the_rule_units_makes_lengths_scan_units() -> None:
     rules = {"": "metre", "metres": "metre", "fit": "metre", "height=1.7": "metre"}
     for rule, unit in {**rules, "units": "scan unit"}.items():
         assert replace(RECORD, scale_rule=rule).length_unit == unit
+
+
+def test_a_record_of_the_earlier_schema_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "record.json"
+    document = json.loads(json.dumps(RECORD.to_dict()))
+    assert document.pop("shared_work") == []
+    document["schema"] = 2
+    write_json(path, document)
+    assert Record.load(path) == RECORD

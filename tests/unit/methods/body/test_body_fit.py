@@ -15,11 +15,15 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
+from harness.pipeline.run.cost import StageMeter
+from harness.pipeline.run.shared_results import SharedResults
+from methods import body_fit
+from methods.body.photos import detection
 from methods.body.photos.detection import detect
 from methods.body.photos.views import load_views
 from methods.body_fit import BodyFit, body_average, body_front, jmbo8, jmbo8_plus
 from methods.estimated_normals import EstimatedNormals
-from methods.fit_settings import JMBO
+from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import NormalChoice
 
 SKIN = np.array([0.80, 0.60, 0.48])
@@ -265,3 +269,42 @@ def test_a_licensed_file_is_recorded_by_content_and_not_by_path(tmp_path):
     assert len(part.sha256) == 64
     assert str(tmp_path) not in str(fit.info.to_dict())
     assert "body.model" not in [deviation.what for deviation in fit.info.deviations]
+
+
+@pytest.mark.slow
+def test_a_fit_is_shared_by_methods_that_ask_for_the_same(capture, context, tmp_path, monkeypatch):
+    meters = [StageMeter() for _ in range(2)]
+    quick = {"body.iterations": "2"}
+    fits = [BodyFit("a", "A", (0, 4), JMBO_PLUS), BodyFit("b", "B", (0, 4), JMBO_PLUS)]
+    results = []
+    for fit, meter in zip(fits, meters, strict=True):
+        share = SharedResults(tmp_path / "shared", meter, lambda: True)
+        lent = replace(context, seed=len(results), stage=meter.stage, share=share)
+        results.append(fit.configured(quick).fit(capture, lent))
+        # The second is handed everything.
+        monkeypatch.setattr(body_fit, "fit_body", None)
+    first, second = (fit.body.to_arrays() for fit in results)
+    assert all(first[name].tobytes() == second[name].tobytes() for name in first)
+    assert results[0].details() == results[1].details()
+    assert meters[0].stages == meters[1].stages
+    assert {"landmarks", "jmbo"} <= {stage.name for stage in meters[0].stages}
+
+    # What decides the fit decides who shares it.
+    share = SharedResults(tmp_path / "shared", StageMeter(), lambda: True)
+    others = [
+        fits[0].configured({"body.iterations": "3"}).fit,
+        BodyFit("c", "C", (0, 2), JMBO_PLUS).configured(quick).fit,
+    ]
+    for fit in others:
+        with pytest.raises(TypeError, match="NoneType"):
+            fit(capture, replace(context, share=share))
+
+
+@pytest.mark.slow
+def test_photos_are_read_once_for_all_that_share_them(capture, tmp_path, monkeypatch):
+    share = SharedResults(tmp_path / "shared", StageMeter(), lambda: True)
+    first = detect(capture, (0, 4), share)
+    monkeypatch.setattr(detection, "_detect", None)
+    second = detect(capture, (4, 0), share).at((1, 0))
+    for name in ("pixels", "points_camera", "confidence", "hands"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))

@@ -153,6 +153,7 @@ def test_each_photo_is_decoded_once_by_all_that_look_at_it(
     pixels = np.arange(2.0 * count).reshape(-1, 2)
     person = detection.Reading(pixels, np.ones((count, 3)), np.ones(count), np.ones(2))
     monkeypatch.setattr(detection, "_detector", lambda: None)
+    monkeypatch.setattr(detection, "_forget_detector", lambda: None)
     monkeypatch.setattr(detection, "_readings", lambda *_: iter([person]))
     assert load_views(capture, range(8), 100).indices == tuple(range(8))
     small(method, "oracle").reconstruct(capture, context(tmp_path, keep=False))

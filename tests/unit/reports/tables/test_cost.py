@@ -66,3 +66,11 @@ def test_times_of_different_machines_are_marked():
     assert "Machine: Linux, 2 CPUs" in cost_table(HULL).remarks
     elsewhere = replace(HULL[0], environment=Environment(system="Linux", cpus=64))
     assert any("different machines" in text for text in cost_table([elsewhere, *HULL[1:]]).remarks)
+
+
+def test_a_row_that_took_work_over_says_so():
+    taker = replace(HULL[0], shared_work=("body fit", "landmarks"))
+    remarks = " ".join(cost_table([taker, HULL[1]]).remarks)
+    assert "body fit, landmarks): hull8" in remarks
+    assert "--no-share" in remarks
+    assert "Taken over" not in " ".join(cost_table(HULL).remarks)
