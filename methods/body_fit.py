@@ -15,9 +15,9 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.files.hashing import file_sha256
 from harness.core.privileges import Privilege
+from harness.core.process.shared_work import Work
 from harness.core.protocols import Context, MethodInfo, Part
 from harness.core.settings import by_room, overridden
-from harness.core.shared_work import Work
 from methods.body.fit.jmbo import NormalsOf
 from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model

@@ -12,7 +12,7 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import MethodError
 from harness.core.privileges import Privilege
-from harness.core.shared_work import Sharing, alone
+from harness.core.process.shared_work import Sharing, alone
 
 __all__ = [
     "Configurable",
@@ -86,6 +86,8 @@ class MethodInfo:
         title: The name in tables.
         views: Counted from the front towards the subject's left (0 is the front, of eight 4 is the
             back), or None for all views.
+        view_count: How many of all views it takes, as evenly apart as can be; None for those in
+            ``views``.
         parts: Ingredients with their licences.
         privileges: What it is given beyond pixels.
         parameters: Every setting that influences the output, by the name of the room that it
@@ -100,6 +102,7 @@ class MethodInfo:
     name: str
     title: str
     views: tuple[int, ...] | None = None
+    view_count: int | None = None
     parts: tuple[Part, ...] = ()
     privileges: tuple[Privilege, ...] = ()
     parameters: Mapping[str, Mapping[str, object]] = field(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
@@ -31,8 +31,7 @@ __all__ = [
 ]
 
 RECORD_SCHEMA = 3
-#: An earlier schema, which lacks these fields; they have their defaults there.
-_EARLIER_SCHEMA, _NEW_FIELDS = 2, {"shared_work": []}
+_EARLIER_SCHEMA = 2
 
 Status = Literal["ok", "failed", "missing"]
 
@@ -74,6 +73,8 @@ class CaptureStamp:
 
     key: str = ""
     """Content id of everything that made the photos; empty where there were none."""
+    views: int = 0
+    """How many photos there were; 0 where that is not known."""
     warnings: tuple[str, ...] = ()
     """What is wrong with the photos, such as a view in which the frame cuts the subject."""
 
@@ -165,6 +166,15 @@ class Record:
         return self.method.privileges
 
     @property
+    def views_used(self) -> int | None:
+        """How many photos the method used; None where that is not known."""
+        if self.method.view_count is not None:
+            return self.method.view_count
+        if self.method.views is None:
+            return self.capture.views or None
+        return len([view for view in self.method.views if view < (self.capture.views or view + 1)])
+
+    @property
     def method_name(self) -> str:
         """The method's name on the command line."""
         return self.method.name
@@ -187,7 +197,7 @@ class Record:
         document = read_json(path)
         schema = document.pop("schema", None)
         if schema == _EARLIER_SCHEMA:
-            document, schema = {**_NEW_FIELDS, **document}, RECORD_SCHEMA
+            document, schema = _upgraded(document), RECORD_SCHEMA
         if schema != RECORD_SCHEMA:
             raise DataError(
                 f"{path} is not a record of this version",
@@ -196,3 +206,17 @@ class Record:
                 hint="Run the evaluation again to replace it",
             )
         return from_json(cls, document, path, "a record")
+
+
+def _upgraded(document: dict[str, Any]) -> dict[str, Any]:
+    """A document of the earlier schema with the fields that it lacks at their defaults."""
+    try:
+        return {
+            "shared_work": [],
+            **document,
+            "method": {"view_count": None, **document["method"]},
+            "capture": {"views": 0, **document["capture"]},
+        }
+    except (KeyError, TypeError):
+        # Not a record; reading says where.
+        return document

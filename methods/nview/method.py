@@ -147,6 +147,7 @@ class FusedMethod:
         return MethodInfo(
             name=self._names[0],
             title=self._names[1],
+            view_count=self.settings.views or None,
             parts=tuple(dict.fromkeys(parts)),
             privileges=tuple(dict.fromkeys(privileges)),
             parameters={

@@ -76,6 +76,14 @@ Row = Annotated[
         "of one method can be compared in one run.",
     ),
 ]
+Share = Annotated[
+    bool,
+    typer.Option(
+        "--share/--no-share",
+        help="Make body fits and landmarks once for all methods that need the same ones; their "
+        "cost is counted for each.",
+    ),
+]
 
 
 @app.command()
@@ -96,14 +104,7 @@ def evaluate(
     keep: Keep = False,
     reason: Reason = "",
     timeout: Timeout = 3600.0,
-    share: Annotated[
-        bool,
-        typer.Option(
-            "--share/--no-share",
-            help="Make body fits and landmarks once for all methods that need the same ones; their "
-            "cost is counted for each.",
-        ),
-    ] = True,
+    share: Share = True,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only show what would run, and why.")
     ] = False,

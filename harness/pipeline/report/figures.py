@@ -18,6 +18,7 @@ from harness.core.units import MM_PER_METRE, UNITS_RULE
 from harness.geometry.surface import SurfaceIndex
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.report.normal_figure import normals
+from harness.pipeline.report.views_figure import views
 from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
 from harness.pipeline.run.store import RunStore
 from metrics.regions import FAR_MM
@@ -165,6 +166,7 @@ FIGURES = {
     "bodies": bodies,
     "failures": failures,
     "normals": normals,
+    "views": views,
 }
 
 

@@ -23,6 +23,7 @@ from reports.tables.normals import normals_table
 from reports.tables.paired import paired_table
 from reports.tables.regions import regions_table
 from reports.tables.table import Table
+from reports.tables.views import views_table
 
 __all__ = [
     "FORMATS",
@@ -48,6 +49,7 @@ TABLES: Mapping[str, Callable[..., Table]] = {
     "jmbo": jmbo_table,
     "regions": regions_table,
     "normals": normals_table,
+    "views": views_table,
 }
 #: Writer and file name extension by format.
 FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {

@@ -13,10 +13,10 @@ from harness.core.errors import MethodError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
+from harness.core.process.shared_work import Sharing, alone
 from harness.core.protocols import MethodInfo
 from harness.core.results import Scores
 from harness.core.settings import MetricProtocol
-from harness.core.shared_work import Sharing, alone
 from harness.core.truth import TrueBody, face_regions, true_body
 from harness.pipeline.inputs.oracle_normals import OracleNormals
 from harness.pipeline.scoring.bodies import body_errors

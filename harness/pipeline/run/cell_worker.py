@@ -19,18 +19,18 @@ from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.process.differences import listed_differences
+from harness.core.process.shared_work import Sharing, alone
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import Context
-from harness.core.shared_work import Sharing, alone
 from harness.pipeline.inputs.environment import environment
 from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
 from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
-from harness.pipeline.run.cost import StageMeter
 from harness.pipeline.run.record_inputs import Inputs, evaluated
 from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, save_body, save_normals
-from harness.pipeline.run.shared_results import SharedResults
+from harness.pipeline.work.cost import StageMeter
+from harness.pipeline.work.shared_results import SharedResults
 
 __all__ = ["handle"]
 

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import WorkerDied, run_worker
@@ -217,7 +218,7 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         subject=cell.subject,
         recipe=request.source.recipe.name,
         protocol=ProtocolStamp.of(request.protocol),
-        capture=CaptureStamp(capture.key, capture.warnings) if capture else CaptureStamp(),
+        capture=_stamp(capture) if capture else CaptureStamp(),
         seed=request.seed,
         status=result.status,
         reason=result.reason,
@@ -235,3 +236,7 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         inputs=cell.inputs.to_dict() if cell.inputs else {},
         files=result.files,
     )
+
+
+def _stamp(capture: Capture) -> CaptureStamp:
+    return CaptureStamp(capture.key, len(capture.cameras), capture.warnings)

@@ -15,8 +15,8 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Body, Capture
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.process.shared_work import Sharing, alone
 from harness.core.results import BodyErrors, MetricValue
-from harness.core.shared_work import Sharing, alone
 from harness.core.truth import TrueBody
 from harness.core.units import Unit
 from harness.geometry.raycast import Raycaster

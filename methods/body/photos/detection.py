@@ -25,8 +25,8 @@ from harness.core.artifacts import Capture
 from harness.core.errors import MissingPart
 from harness.core.files.hashing import file_sha256
 from harness.core.process.freed_memory import give_freed_memory_back
+from harness.core.process.shared_work import Sharing, Work, alone
 from harness.core.protocols import Part
-from harness.core.shared_work import Sharing, Work, alone
 from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG

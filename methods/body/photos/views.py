@@ -11,7 +11,7 @@ from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
-from harness.core.shared_work import Sharing, alone
+from harness.core.process.shared_work import Sharing, alone
 from harness.geometry.outline import Outline
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of

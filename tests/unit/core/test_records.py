@@ -25,7 +25,7 @@ RECORD = Record(
     subject="a01",
     recipe="quick8",
     protocol=ProtocolStamp("mexecon", 1, "ab"),
-    capture=CaptureStamp("cd", ("cut in view 2",)),
+    capture=CaptureStamp("cd", 8, ("cut in view 2",)),
     seed=0,
     status="ok",
     metrics={
@@ -179,6 +179,32 @@ def test_a_record_of_the_earlier_schema_is_read(tmp_path: Path) -> None:
     path = tmp_path / "record.json"
     document = json.loads(json.dumps(RECORD.to_dict()))
     assert document.pop("shared_work") == []
+    assert document["method"].pop("view_count") is None
+    assert document["capture"].pop("views") == 8
     document["schema"] = 2
     write_json(path, document)
-    assert Record.load(path) == RECORD
+    before = replace(RECORD, capture=replace(RECORD.capture, views=0))
+    assert Record.load(path) == before
+    document["method"] = "hull8"
+    write_json(path, document)
+    with pytest.raises(DataError, match="not a record"):
+        Record.load(path)
+
+
+@pytest.mark.parametrize(
+    ("views", "count", "photos", "used"),
+    [
+        ((0, 4), None, 8, 2),
+        ((0, 4), None, 0, 2),
+        (tuple(range(8)), None, 5, 5),
+        (None, None, 16, 16),
+        (None, None, 0, None),
+        (None, 6, 32, 6),
+    ],
+)
+def test_how_many_views_a_method_used(
+    views: tuple[int, ...] | None, count: int | None, photos: int, used: int | None
+) -> None:
+    method = replace(RECORD.method, views=views, view_count=count)
+    stamp = replace(RECORD.capture, views=photos)
+    assert replace(RECORD, method=method, capture=stamp).views_used == used

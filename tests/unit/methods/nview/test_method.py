@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, image_name
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, MethodError
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context
@@ -15,6 +17,7 @@ from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
 from methods.nview.method import mexecon_plus
+from methods.nview.views import even_choice
 from tests.unit.methods.stereo.conftest import grain, picture
 
 SMALL = {"nview.voxel_m": "0.016", "nview.resolution": "160"}
@@ -125,3 +128,39 @@ def test_a_view_without_a_subject_ends_in_a_sentence(ball, ring, tmp_path):
     method = mexecon_plus.configured({"body": "off"})
     with pytest.raises(MethodError, match="view 2: the mask shows no subject"):
         method.reconstruct(capture, context(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("count", "chosen"),
+    [
+        (0, range(32)),
+        (32, range(32)),
+        (8, range(0, 32, 4)),
+        (6, (0, 5, 10, 16, 21, 26)),
+        (3, (0, 10, 21)),
+    ],
+)
+def test_views_are_chosen_evenly_and_keep_their_photos(tmp_path, count, chosen):
+    cameras = RingRig(views=32).cameras(24, 32)
+    numbers = tuple(range(31, -1, -1))
+    capture = Capture("toy", "s", "r", "k", tmp_path, cameras, numbers=numbers)
+    some = even_choice(capture, count)
+    assert some.numbers == tuple(numbers[view] for view in chosen)
+    assert some.cameras == tuple(cameras[view] for view in chosen)
+    unnumbered = even_choice(replace(capture, numbers=()), count)
+    assert [unnumbered.image_path(view).stem for view in range(len(chosen))] == [
+        f"{view:02d}" for view in chosen
+    ]
+
+
+def test_more_views_than_there_are_end_in_a_sentence(tmp_path):
+    capture = Capture("toy", "s", "r", "k", tmp_path, RingRig().cameras(24, 32))
+    with pytest.raises(MethodError, match=r"16 views were asked for.*at most the 8.*nview\.views"):
+        even_choice(capture, 16)
+
+
+def test_the_number_of_views_is_told():
+    assert mexecon_plus.info.view_count is None
+    assert mexecon_plus.configured({"nview.views": "6"}).info.view_count == 6
+    with pytest.raises(HarnessError, match="views.*65"):
+        mexecon_plus.configured({"nview.views": "65"})

@@ -23,9 +23,9 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import exclusive_lock, remove_leftovers
 from harness.core.files.hashing import content_hash
 from harness.core.formats.typed_json import from_json, to_json
+from harness.core.process.shared_work import Work
 from harness.core.process.source_digest import SourceDigest, SourceTree
-from harness.core.shared_work import Work
-from harness.pipeline.run.cost import StageMeter
+from harness.pipeline.work.cost import StageMeter
 
 __all__ = ["SharedResults"]
 

@@ -11,10 +11,10 @@ import pytest
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import MethodError
-from harness.core.shared_work import Work, alone
-from harness.pipeline.run import shared_results
-from harness.pipeline.run.cost import StageMeter
-from harness.pipeline.run.shared_results import SharedResults
+from harness.core.process.shared_work import Work, alone
+from harness.pipeline.work import shared_results
+from harness.pipeline.work.cost import StageMeter
+from harness.pipeline.work.shared_results import SharedResults
 
 VALUES = np.array([0.1, 1 / 3, np.pi])
 

@@ -1,0 +1,1 @@
+"""What work costs, and work that is made once for several methods."""
