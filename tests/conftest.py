@@ -7,6 +7,7 @@ import hashlib
 import os
 import pickle
 import signal
+import tempfile
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +26,16 @@ import pytest
 # Derandomised, so that a build that was green stays green until the code changes.
 hypothesis.settings.register_profile("house", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("house")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What a developer has imported, or works on, changes neither tests nor generated documents."""
+    own = tempfile.TemporaryDirectory(prefix="harness-tests-")
+    config.add_cleanup(own.cleanup)
+    for variable in ("HARNESS_PARTS", "HARNESS_WEIGHTS"):
+        os.environ[variable] = str(Path(own.name, variable.lower()))
+        Path(os.environ[variable]).mkdir()
+    os.environ.pop("HARNESS_WORKSPACE", None)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -35,13 +35,20 @@ class ChosenMethod:
     method: Method
 
     @classmethod
-    def of(cls, name: str, settings: Mapping[str, str], row: str = "") -> ChosenMethod:
+    def of(
+        cls,
+        name: str,
+        settings: Mapping[str, str],
+        row: str = "",
+        parts: PartChoice | None = None,
+    ) -> ChosenMethod:
         """The method of a name, with some settings changed.
 
         Args:
             name: In the catalogue.
-            settings: As text by name.
+            settings: As text by name; they count more than the parts.
             row: What its records are called, if not by its name.
+            parts: Parts that a user chose; None leaves the method its own.
 
         Raises:
             HarnessError: an unknown method or setting, settings for a method that has none, or a
@@ -49,6 +56,8 @@ class ChosenMethod:
             MissingPart: the method, or one of its parts, is not installed.
         """
         method: Method = METHODS.resolve(name)
+        if parts is not None and parts.papers:
+            settings = {**parts.settings(method.info), **settings}
         if settings:
             if not isinstance(method, Configurable):
                 raise HarnessError(
@@ -127,10 +136,7 @@ def chosen_methods(
         )
     chosen: list[ChosenMethod] = []
     for name in names:
-        exchanged: dict[str, str] = {}
-        if parts is not None and parts.papers:
-            exchanged = parts.settings(ChosenMethod.of(name, {}).info)
-        method = ChosenMethod.of(name, {**exchanged, **settings}, row)
+        method = ChosenMethod.of(name, settings, row, parts)
         method.require_installed()
         chosen.append(method)
     return tuple(chosen)
