@@ -52,7 +52,7 @@ class ChosenMethod:
 
         Raises:
             HarnessError: an unknown method or setting, settings for a method that has none, or a
-                row that is called like another method or has no settings of its own.
+                row that has the name of another method, or no settings of its own.
             MissingPart: the method, or one of its parts, is not installed.
         """
         method: Method = METHODS.resolve(name)
@@ -79,7 +79,7 @@ class ChosenMethod:
 
     @property
     def info(self) -> MethodInfo:
-        """What the method says of itself now, under the row's name; its parts may change."""
+        """The method's own description, under the row's name; it follows changes of its parts."""
         info = self.method.info
         if self.row == self.name:
             return info
@@ -91,7 +91,7 @@ class ChosenMethod:
 
         Raises:
             MissingPart: it runs on something that is not installed; the hint is the next command.
-            MethodError: this machine cannot hold it.
+            MethodError: this machine has too little memory for it.
         """
         if isinstance(self.method, Installable):
             self.method.require_installed()
@@ -150,7 +150,7 @@ class Catalogued:
         usable: The methods that describe themselves here, in the catalogue's order.
         failures: Why others cannot be used, by name.
         missing: Why some of the usable ones cannot run yet, by name: something that the user
-            installs is not there, or this machine cannot hold it.
+            installs is missing, or this machine has too little memory.
     """
 
     usable: tuple[ChosenMethod, ...]
