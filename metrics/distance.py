@@ -89,7 +89,7 @@ def chamfer_sample_to_sample(predicted: Floats, truth: Floats) -> MetricValue:
 
     Args:
         predicted: (N, 3) independent points on the predicted surface, metres.
-        truth: (N, 3) likewise on the true surface.
+        truth: (N, 3) points sampled in the same way on the true surface.
 
     Source: MExECON, "Chamfer", as in the authors' evaluation code.
     """

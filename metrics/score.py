@@ -105,10 +105,10 @@ def score(
 
     Args:
         predicted: Reconstruction, in metres, world frame.
-        truth: What it should be, likewise.
+        truth: The true surface, in the same frame and unit.
         protocol: How many points, how drawn, and which Chamfer.
         keep_points: Whether the errors are wanted point by point.
-        misplaced: What becomes of a prediction that seems to have another unit or frame: of a mesh
+        misplaced: What to do with a prediction that seems to have another unit or frame: of a mesh
             made elsewhere that is a mistake in its file, to ``refuse``; of a method that ran here
             it is the method's own result, to measure and ``tell``.
 

@@ -99,7 +99,7 @@ def capture(
         exact: Current photos of this scan whose recipe ``is_exact_of`` this one, to be copied.
 
     Raises:
-        HarnessError: no texture, files that cannot be used, a renderer that is not there or died.
+        HarnessError: no texture, files that cannot be used, a renderer that is missing or died.
     """
     texture_of(mesh)
     planned = CaptureInputs.of(scan, recipe, device="")  # of the code before the work

@@ -32,7 +32,7 @@ def take_photos(directory: Path, views: int, faults: PhotoFaults, seed: int) -> 
     Args:
         directory: Holds ``rgb/00.png`` and so on.
         views: Number of pictures.
-        faults: Of the camera.
+        faults: What makes real photos worse, such as blur and noise.
         seed: Equal seeds give equal pictures.
     """
     for view in range(views):
@@ -68,7 +68,7 @@ def _blurred(light: Floats, alpha: Floats, blur_px: float) -> Floats:
 
 
 def _noise_deviation(light: Floats, noise: float) -> Floats:
-    """Of linear light, so that it is ``noise`` levels of sRGB at middle grey."""
+    """The deviation in linear light, so that it is ``noise`` levels of sRGB at middle grey."""
     step = 1.0 / 255.0
     middle = float(linear_from_srgb(_MIDDLE_GREY))
     slope = (float(linear_from_srgb(_MIDDLE_GREY + step)) - middle) / step

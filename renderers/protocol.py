@@ -62,7 +62,7 @@ def texture_of(mesh: Mesh) -> Path:
     """The image file of a mesh's texture.
 
     Raises:
-        DataError: the mesh has none, the file is not there, or it is not a usable picture.
+        DataError: the mesh has none, the file is missing, or it is not a usable picture.
     """
     if mesh.texture is None or mesh.uv is None:
         raise DataError(

@@ -38,7 +38,7 @@ class Interval:
     Attributes:
         mean: Arithmetic mean.
         low: Lower end; None for fewer than two subjects, which tell nothing of their spread.
-        high: Upper end, likewise.
+        high: Upper end; None for fewer than two subjects.
         n: How many subjects.
         level: Share of samples of subjects whose interval would hold the true mean.
     """

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import gc
 import hashlib
 import os
 import pickle
 import signal
+import tempfile
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +29,16 @@ hypothesis.settings.register_profile("house", deadline=None, derandomize=True, m
 hypothesis.settings.load_profile("house")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """What a developer has imported, or works on, changes neither tests nor generated documents."""
+    own = tempfile.TemporaryDirectory(prefix="harness-tests-")
+    config.add_cleanup(own.cleanup)
+    for variable in ("HARNESS_PARTS", "HARNESS_WEIGHTS"):
+        os.environ[variable] = str(Path(own.name, variable.lower()))
+        Path(os.environ[variable]).mkdir()
+    os.environ.pop("HARNESS_WORKSPACE", None)
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     """Several processes: each file's tests run in one of them, the longest files first.
@@ -40,15 +52,42 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     return LoadFileScheduling(config, log)
 
 
-#: Files of few tests, each of which takes long.
-LONG_TESTS = ("test_avatars_build.py", "test_killed_runs.py", "test_examples.py", "test_frames.py")
+#: The files that take longest, the longest first; what comes last leaves the other process idle.
+LONG_TESTS = (
+    "test_frames.py",
+    "test_avatars_build.py",
+    "test_killed_runs.py",
+    "test_avatars_creased_people.py",
+    "test_body_fit.py",
+    "test_econ_network.py",
+    "test_eval.py",
+    "test_fit.py",
+    "test_pixie.py",
+    "test_fusion.py",
+    "test_changed_inputs.py",
+    "test_avatars_wrinkles.py",
+    "test_patchmatch.py",
+    "test_clothed.py",
+    "test_vggt.py",
+    "test_avatars_clothes.py",
+    "test_normal_samples.py",
+    "test_examples.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Among several processes, files come in the order of how long they take, roughly."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
-        items.sort(key=lambda item: (item.path.name not in LONG_TESTS, -slow[item.path]))
+        place = {name: number for number, name in enumerate(LONG_TESTS)}
+        last = len(LONG_TESTS)
+        items.sort(key=lambda item: (place.get(item.path.name, last), -slow[item.path]))
+
+
+def pytest_collection_finish() -> None:
+    """Collecting garbage no longer searches the millions of objects of imported packages."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

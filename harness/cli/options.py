@@ -71,24 +71,22 @@ Protocol = Annotated[
     typer.Option(
         "--protocol",
         metavar="NAME",
-        help="Rules by which meshes become numbers, as in the manifest.",
+        help="Metric settings used for scoring, as in the manifest.",
     ),
 ]
 Run = Annotated[
     str | None,
-    typer.Option(
-        "--run", metavar="NAME", help="Run to read, below runs/. Default: the one written last."
-    ),
+    typer.Option("--run", metavar="NAME", help="Run to read, below runs/. Default: the latest."),
 ]
 Jobs = Annotated[
-    int, typer.Option("--jobs", metavar="N", min=1, help="Number of subjects worked on at once.")
+    int, typer.Option("--jobs", metavar="N", min=1, help="Number of subjects run in parallel.")
 ]
 Reason = Annotated[
     str,
     typer.Option(
         "--reason",
         metavar="TEXT",
-        help="Why you look at sealed subjects; needed for these only, and logged.",
+        help="Reason for looking at sealed subjects; required for these only, and logged.",
     ),
 ]
 Timeout = Annotated[
@@ -97,7 +95,7 @@ Timeout = Annotated[
         "--timeout",
         min=0.0,
         metavar="SECONDS",
-        help="Longest time for the photos of one subject, and for one reconstruction; 0 is no "
+        help="Longest time for the photos of one subject, and for one reconstruction; 0 means no "
         "limit.",
     ),
 ]
@@ -131,7 +129,7 @@ def parsed_settings(texts: list[str] | None) -> dict[str, str]:
 
 
 def limit_s(timeout: float) -> float | None:
-    """The seconds of ``--timeout``; None, which is no limit, for 0."""
+    """The seconds of ``--timeout``; None, which means no limit, for 0."""
     return timeout or None
 
 

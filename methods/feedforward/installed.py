@@ -19,7 +19,7 @@ class InstalledNetwork:
 
     Attributes:
         title: What the weights are, as records name them.
-        licence: Of the weights.
+        licence: The weights' licence.
         sha256: Digest of the weights.
         weights: Their file or folder, as the worker takes it.
         bytes: Their size.

@@ -55,7 +55,7 @@ class NetworkNote:
 
     Attributes:
         title: What the weights are.
-        licence: Of the weights.
+        licence: The weights' licence.
         files: By name.
         python: The interpreter that runs the network; empty is the harness's own.
     """
@@ -84,7 +84,7 @@ class NetworkPart:
     Attributes:
         name: What it is called in ``harness parts import NAME``.
         title: What its weights are.
-        licence: Of the weights.
+        licence: The weights' licence.
         source: Where they come from.
         files: What the user names, such as ``model.pt``.
         weights: Name of what the worker takes, in the part's folder; empty is the folder.

@@ -103,7 +103,7 @@ def write_tensors(
 
     Args:
         path: The file.
-        shapes: Of each tensor by name, in the order in which ``values`` has them.
+        shapes: Shape of each tensor by name, in the order in which ``values`` has them.
         values: Each tensor with its name.
 
     Raises:

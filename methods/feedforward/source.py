@@ -47,7 +47,7 @@ class NetworkSettings:
             standing person's head and feet off.
         background: Grey around the subject, 0 to 255, and as padding.
         device: ``cpu``, ``cuda``, or ``auto`` for CUDA where there is one.
-        precision: Of the network's trunk: ``fp32``, ``bf16``, or ``auto`` for ``bf16`` on CUDA.
+        precision: The trunk's numbers: ``fp32``, ``bf16``, or ``auto`` for ``bf16`` on CUDA.
     """
 
     side: int = 518
@@ -90,7 +90,7 @@ class Dialect(Protocol):
 
     @property
     def name(self) -> str:
-        """Of its worker's folder and of its part."""
+        """The name of its worker's folder and of its part."""
         ...
 
     @property

@@ -94,7 +94,7 @@ class Packages:
 
     Attributes:
         python: Its version.
-        versions: Of the modules' distributions, by name, where they are installed as such.
+        versions: Versions of the modules' distributions, by name, where they are installed as such.
         sha256: Digest of all Python files of the last module's package.
         place: Where that package lies.
     """

@@ -37,7 +37,7 @@ class Worker:
         script: The one file that runs, in that folder.
         modules: What has to be importable; the digest of the last one's package is recorded.
         install: How the user gets these.
-        licence: Of the last module's package.
+        licence: Licence of the last module's package.
         command: Its words.
     """
 

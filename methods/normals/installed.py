@@ -243,7 +243,7 @@ def _examined(path: Path, name: str, place: Place) -> Network:
     return Network(
         name=name,
         path=place.folder / f"{name}.onnx",
-        # Of this file alone: one that needs others beside it is refused when it is copied.
+        # One file only: a network that needs others beside it is refused when it is copied.
         sha256=file_sha256(path),
         licence=estimator.part.licence,
         training_set=estimator.training_set,

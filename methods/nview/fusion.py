@@ -99,7 +99,7 @@ def fused_surface(start: Mesh, views: Sequence[FusionView], settings: FusionSett
     Args:
         start: Closed, world metres, edges of about ``settings.voxel_m``.
         views: All of them.
-        settings: Of the fusion.
+        settings: The fusion's settings.
 
     Raises:
         MethodError: normals that are mirrored, or a surface that vanishes.
@@ -124,7 +124,7 @@ def finished_surface(mesh: Mesh, views: Sequence[FusionView], settings: FusionSe
     Args:
         mesh: World metres; it may run through itself.
         views: All of them; they cut, unless outlines are off.
-        settings: Of the fusion.
+        settings: The fusion's settings.
     """
     if settings.outlines == "off":
         return one_piece(remeshed(mesh, settings.fine_m))
@@ -176,7 +176,7 @@ def settled(mesh: Mesh, views: Sequence[FusionView], settings: FusionSettings) -
     Args:
         mesh: Closed, world metres, within millimetres of the subject.
         views: All of them.
-        settings: Of the fusion.
+        settings: The fusion's settings.
     """
     surface = Surface(mesh)
     problem = MoveProblem(len(mesh.vertices))

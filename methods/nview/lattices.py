@@ -179,7 +179,7 @@ def remeshed(mesh: Mesh, step_m: float, within: Callable[[Floats], Singles] | No
 
     Args:
         mesh: May run through itself.
-        step_m: Of the lattice, metres.
+        step_m: Spacing of the lattice, metres.
         within: Signed distance of world points (N, 3) to a region, positive inside; what reaches
             beyond that region near the surface is cut off.
     """

@@ -76,7 +76,7 @@ class _Person:
         shape: What the estimator is shown: the fitted body, or the visual hull.
         body: The fitted body, if one was.
         hands: (N, 3) vertices of the fitted body's hands, world metres.
-        details: Of the fit, for the record.
+        details: Details of the fit, for the record.
     """
 
     shape: Mesh

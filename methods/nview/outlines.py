@@ -17,7 +17,7 @@ __all__ = ["SignedOutline", "signed_outline"]
 #: Pixels kept around the subject's box. Points that are seen further out get the distance of the
 #: window's border, which is far outside for every use of it here.
 _MARGIN_PX = 64
-#: Of the slope of the distance, metres: half of the way between the two points compared.
+#: Step for the slope of the distance, metres: half of the way between the two points compared.
 _SLOPE_STEP_M = 0.003
 
 
@@ -26,7 +26,7 @@ class SignedOutline:
     """Signed distance to a subject's outline in one photo, positive inside.
 
     Attributes:
-        camera: Of the window of the photo that holds the subject.
+        camera: Camera of the photo's window that holds the subject.
         distance_px: (H, W) of that window, pixels.
     """
 
@@ -80,7 +80,7 @@ def signed_outline(camera: Camera, coverage: Floats) -> SignedOutline:
     cuts the subject.
 
     Args:
-        camera: Of the photo.
+        camera: The photo's camera.
         coverage: (H, W) share of each pixel that shows the subject, 0 to 1.
 
     Raises:

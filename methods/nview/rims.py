@@ -60,7 +60,7 @@ def rim_rows(
         surface: Vertices move along its ``directions``.
         views: All of them.
         normals: (V, 3) unit normals that the surface should have.
-        rules: Of the round.
+        rules: The round's rules.
     """
     return [_rows_of(surface, view, normals, rules) for view in views]
 

@@ -63,7 +63,7 @@ def start_surface(
 
     Args:
         views: All of them.
-        step_m: Of the lattice; edges of the mesh are about as long.
+        step_m: Spacing of the lattice; edges of the mesh are about as long.
         body: The body in its clothes; None starts from the hull.
         margin_m: How far beyond that body the hull is kept.
 

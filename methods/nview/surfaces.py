@@ -144,7 +144,7 @@ def smoothed_along(surface: Surface, rounds: int, share: float) -> Surface:
     Args:
         surface: A closed surface.
         rounds: How often.
-        share: Of the way to the middle of the neighbours.
+        share: Share of the way to the middle of the neighbours.
     """
     for _ in range(rounds):
         normals = surface.vertex_normals

@@ -54,7 +54,7 @@ class MoveProblem:
     """Collects rows and solves for one move per vertex, metres.
 
     Args:
-        count: Of the vertices.
+        count: Number of vertices.
     """
 
     def __init__(self, count: int) -> None:

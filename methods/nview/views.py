@@ -35,7 +35,7 @@ class NormalTargets:
     """The clothed normals of the near side that one view asks for.
 
     Attributes:
-        camera: Of these pixels: the photo's own, or a crop of it at another size.
+        camera: Camera of these pixels: the photo's own, or a crop of it at another size.
         normals_world: (H, W, 3) unit normals in the world frame, 0 outside the subject.
         weights: (H, W) how far each is believed, 0 to 1; None believes all of them.
     """
@@ -66,8 +66,8 @@ class FusionView:
 
     Attributes:
         index: In the capture.
-        camera: Of the whole photo.
-        outline: Of the subject, in pixels of the photo.
+        camera: Camera of the whole photo.
+        outline: The subject's outline, in pixels of the photo.
         targets: The normals that the surface should have where this view sees it; None for a view
             that gives its outline alone.
     """

@@ -27,7 +27,7 @@ class WorldDepth:
     """A view's depth in the world's metres.
 
     Attributes:
-        camera: Of these pixels, world metres.
+        camera: Camera of these pixels, world metres.
         depth: (H, W) metres along the optical axis; not finite or not positive where unknown.
         coverage: (H, W) how much of each pixel the subject covers, 0 to 1.
         confidence: (H, W), larger is better; None where the source has none.

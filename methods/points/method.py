@@ -54,7 +54,7 @@ class PointsMethod:
 
     Args:
         name: On the command line.
-        views: Of the capture, counted from the front.
+        views: Views of the capture, counted from the front.
         source: Where depth and cameras come from.
         rooms: Settings; None takes the defaults, with the source's first alignment.
         published: What the publication whose name the method carries says; None if none.

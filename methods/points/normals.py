@@ -23,7 +23,7 @@ def grid_normals(depth: Floats, mask: Mask, camera: Camera, radius_px: int) -> F
     Args:
         depth: (H, W) along the optical axis, positive inside the mask.
         mask: (H, W) which pixels count.
-        camera: Of these pixels.
+        camera: Camera of these pixels.
         radius_px: Half the window; 1 takes 3 x 3 pixels.
     """
     from scipy.ndimage import uniform_filter

@@ -29,7 +29,7 @@ def held_to(mesh: Mesh, outlines: Sequence[Outline]) -> Mesh:
 
     Args:
         mesh: World metres.
-        outlines: Of all views.
+        outlines: Outlines of all views.
     """
     vertices = mesh.vertices.copy()
     for _ in range(_TURNS):

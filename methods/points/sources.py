@@ -52,7 +52,7 @@ class ViewDepth:
 
     Attributes:
         frame: How its pixels belong to the photo's.
-        camera: Of these pixels, in the source's own world and unit.
+        camera: Camera of these pixels, in the source's own world and unit.
         depth: (H, W) along the optical axis; not finite or not positive where it says nothing.
         confidence: (H, W), larger is better, in any unit; None where the source has none.
 

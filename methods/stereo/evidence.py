@@ -53,7 +53,7 @@ def agreement(first: Floats, second: Floats, around: Neighbourhood) -> Agreement
     Args:
         first: (V,) metres; NaN where the group says nothing.
         second: (V,) the same of the other group.
-        around: Of the mesh whose vertices they move.
+        around: Neighbours in the mesh whose vertices they move.
     """
     both = np.isfinite(first) & np.isfinite(second)
     if not both.any():

@@ -60,7 +60,7 @@ def narrowed(
 
     Args:
         mesh: Closed, facing outwards, within a few millimetres of the subject.
-        photos: Of all views, in full resolution.
+        photos: Photos of all views, in full resolution.
         pairs: The views that are matched with each other.
         settings: How.
         pixel_m: What a pixel of the photos spans of the subject.

@@ -14,7 +14,7 @@ __all__ = ["neighbours", "pairs"]
 
 #: Seen from the subject. Nearer views hardly tell depth; further ones show other surfaces.
 _LEAST_DEG, _MOST_DEG = 10.0, 65.0
-#: Of eight even views the next ones, 45 degrees away, are the ones to match.
+#: With eight even views, the next ones, 45 degrees away, are the ones to match.
 _BEST_DEG = 35.0
 
 
@@ -22,7 +22,7 @@ def neighbours(cameras: Sequence[Camera], centre: Floats) -> list[tuple[int, ...
     """For each view the views it is matched with: the best one, and the best on its other side.
 
     Args:
-        cameras: Of all views.
+        cameras: Cameras of all views.
         centre: (3,) of the subject, world metres.
 
     Returns:

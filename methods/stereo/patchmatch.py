@@ -110,7 +110,7 @@ def depth_map(
 
     Args:
         view: Whose map.
-        photos: Of all views.
+        photos: Photos of all views.
         sources: The views it is matched with.
         start: The surface around which depths are searched.
         settings: How.

@@ -45,12 +45,13 @@ class MatchSettings:
         behind_m: How far behind the start surface a depth may lie. A hull stands off by up to 5 cm.
         before_m: How far before it; a start that holds the subject is hardly ever behind it.
         tries: Depths that every pixel tries first, one in each part of the range.
-        rounds: Of propagation to the neighbours; a fourth changes fewer than one depth in fifty.
+        rounds: How often depths spread to neighbours; a fourth time changes fewer than one depth in
+            fifty.
         best_share: Weight of the better neighbour's cost, so that one occluded view does not spoil
             what the other shows.
         aside_m: How far before and behind a depth its sharpness is taken: two to three pixels'
             shift between views at 45 degrees.
-        seed: Of the random tries.
+        seed: Seed of the random tries.
     """
 
     pixel_m: float = 0.00225

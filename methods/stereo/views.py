@@ -33,7 +33,7 @@ class StereoView:
     """One calibrated photo, cut to the window of the subject.
 
     Attributes:
-        camera: Of the window.
+        camera: The window's camera.
         grey: (H, W) brightness, 0 to 255, not premultiplied.
         coverage: (H, W) share of each pixel that shows the subject.
     """
@@ -83,7 +83,7 @@ class Contrast:
     """A photo without its slow light and shade, ready to be matched.
 
     Attributes:
-        camera: Of these pixels.
+        camera: Camera of these pixels.
         values: (H, W) relative differences from the local mean; ``OUTSIDE`` beside the subject.
         noise: Standard deviation of the values where the subject is plainest.
     """
@@ -102,7 +102,7 @@ def reduction(camera: Camera, centre: Floats, pixel_m: float) -> int:
     """By which whole number a photo is made smaller so that a pixel spans about ``pixel_m``.
 
     Args:
-        camera: Of the photo.
+        camera: The photo's camera.
         centre: (3,) of the subject, world metres.
         pixel_m: At the depth of the centre.
     """

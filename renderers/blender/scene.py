@@ -117,7 +117,7 @@ class BlenderView:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything that the worker gets besides the mesh.
+    """Everything that the worker is given, apart from the mesh.
 
     Attributes:
         views: The pictures, in order.

@@ -1,6 +1,6 @@
 """Runs inside Blender: builds the described scene and writes its pictures; decides nothing.
 
-Started by ``job`` as a process of its own; the only module of the renderers that imports ``bpy``.
+Started by ``job`` in a separate process; the only module of the renderers that imports ``bpy``.
 """
 # bpy is a compiled module without types.
 # pyright: reportAttributeAccessIssue=false

@@ -96,7 +96,7 @@ class Row:
         title: Name for people.
         n: Subjects that the cells are of.
         of: Subjects asked for; the other ``of - n`` failed, are missing or have no record.
-        cells: By column id; a column that is not there shows a dash.
+        cells: By column id; a missing column shows a dash.
         notes: What must be known to compare this row; printed as footnotes.
         privileges: What the method was given beyond pixels and masks.
         competes: Whether the row may be the best; a row that was given the answer may not.

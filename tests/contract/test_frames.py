@@ -28,7 +28,15 @@ SMALL = {
     "hull.voxel_m": "0.01",
     "nview.resolution": "128",
     "nview.voxel_m": "0.012",
+    "nview.rounds": "4",
     "mesh.depth": "8",
+    "mesh.cell_m": "0.004",
+    "start.voxel_m": "0.012",
+    # What these photos resolve: a pixel of theirs is 4.5 mm wide at the figure.
+    "match.pixel_m": "0.0045",
+    "keep.cell_m": "0.005",
+    "narrow.sample_m": "0.003",
+    "narrow.step_m": "0.001",
 }
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0

@@ -98,7 +98,7 @@ def evaluate(
     row: Row = "",
     parts: Parts = OPEN,
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
+        int, typer.Option("--seed", metavar="N", help="Random seed, from which all others derive.")
     ] = 0,
     jobs: Jobs = 1,
     keep: Keep = False,

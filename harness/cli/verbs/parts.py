@@ -60,7 +60,7 @@ def import_part(
         typer.Option(
             "--recipe",
             metavar="NAME",
-            help="Recipe for a network of others, for normals-onnx: david.",
+            help="For normals-onnx: which public network the file is; only david is known.",
         ),
     ] = "",
     replace: Annotated[

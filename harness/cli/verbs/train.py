@@ -32,7 +32,7 @@ def train() -> None:
 Views = Annotated[int, typer.Option(metavar="N", min=1, help="Number of photos of each subject.")]
 Steps = Annotated[int, typer.Option(metavar="N", min=1, help="Number of optimiser steps.")]
 Batch = Annotated[int, typer.Option(metavar="N", min=1, help="Number of photos in each step.")]
-Rate = Annotated[float, typer.Option(metavar="RATE", min=0.0, help="Greatest learning rate.")]
+Rate = Annotated[float, typer.Option(metavar="RATE", min=0.0, help="Highest learning rate.")]
 HeldOut = Annotated[
     int,
     typer.Option(
@@ -42,7 +42,10 @@ HeldOut = Annotated[
         "measure the error.",
     ),
 ]
-Seed = Annotated[int, typer.Option(metavar="N", help="Seed of photos, first weights and order.")]
+Seed = Annotated[
+    int,
+    typer.Option(metavar="N", help="Random seed of the photos, the first weights and the order."),
+]
 JudgeEvery = Annotated[
     int,
     typer.Option(
@@ -64,7 +67,7 @@ Output = Annotated[
 TrainingSet = Annotated[
     str,
     typer.Option(
-        "--dataset", metavar="NAME", help="Dataset to train on; never one that is reported on."
+        "--dataset", metavar="NAME", help="Dataset to train on; never one used for results."
     ),
 ]
 

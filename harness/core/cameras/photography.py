@@ -19,7 +19,7 @@ class PhotoFaults:
             grows with the square root of the light.
         blur_px: Standard deviation of the lens' blur, pixels.
         exposure_stops: Standard deviation of the exposure from view to view, in stops.
-        jpeg_quality: Of the compression, 1 to 100 as Pillow counts; 0 does not compress.
+        jpeg_quality: Quality of the compression, 1 to 100 as Pillow counts; 0 does not compress.
         calibration_px: Root mean square of the re-projection error over the subject's box, of the
             cameras that methods are given; the photos are taken with the exact ones.
     """

@@ -48,14 +48,25 @@ class TexturedMesh:
     texture: np.ndarray
 
 
+def _rows(form: str, values: np.ndarray) -> str:
+    """Each row of ``values`` (N,K) in a form with K places.
+
+    All at once: a list for each row keeps Python's garbage collector busy for seconds.
+    """
+    return (form * len(values)) % tuple(values.ravel().tolist())
+
+
 def _obj_text(mesh: TexturedMesh) -> str:
-    lines = ["mtllib material0.mtl"]
-    lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices.tolist()]
-    lines += [f"vt {u:.8f} {v:.8f}" for u, v in mesh.uv.tolist()]
-    lines.append("usemtl material0")
     pairs = np.stack([mesh.faces, mesh.uv_faces], -1).reshape(-1, 6) + 1
-    lines += [f"f {a}/{p} {b}/{q} {c}/{r}" for a, p, b, q, c, r in pairs.tolist()]
-    return "\n".join(lines) + "\n"
+    return "".join(
+        [
+            "mtllib material0.mtl\n",
+            _rows("v %.6f %.6f %.6f\n", mesh.vertices),
+            _rows("vt %.8f %.8f\n", mesh.uv),
+            "usemtl material0\n",
+            _rows("f %d/%d %d/%d %d/%d\n", pairs),
+        ]
+    )
 
 
 def _save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:

@@ -60,7 +60,7 @@ def photograph(
     Args:
         source: The dataset and the recipe of the subject.
         subject: Its id.
-        progress: Hears of every view.
+        progress: Notified of every view.
         timeout_s: How long making them may take; None is no limit.
 
     Raises:
@@ -80,8 +80,8 @@ def render_all(
 
     Args:
         source: The subjects and their recipe.
-        jobs: Subjects at once.
-        progress: Hears of every view.
+        jobs: Subjects processed in parallel.
+        progress: Notified of every view.
         timeout_s: How long one subject may take; None is no limit.
     """
     source.root()
@@ -111,7 +111,7 @@ def _state(source: Source, subject: str) -> str:
 
 
 def show_avatar(source: Source, path: Path, progress: Progress, reason: str = "") -> Path:
-    """Write the contact sheet of a source's first subject, which is made if it is not there.
+    """Write the contact sheet of a source's first subject, which is made if it does not exist.
 
     Raises:
         HarnessError: the dataset is not one that is generated, or it is sealed and there is no

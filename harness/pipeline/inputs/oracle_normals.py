@@ -1,4 +1,4 @@
-"""The scan's normals in the views that a method is given: lent under ``oracle_normals``."""
+"""The scan's normals in the views that a method is given, for methods with that privilege."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class PartChoice:
     """The parts that were chosen.
 
     Attributes:
-        papers: Names of the parts of which the paper's own is used.
+        papers: Names of the parts for which the paper's own is used.
     """
 
     papers: frozenset[str] = frozenset()

@@ -47,6 +47,6 @@ class ScanSet:
         """The subject's scan and its textured mesh in world metres.
 
         Raises:
-            DataError: it is not there, or cannot be read.
+            DataError: it does not exist, or cannot be read.
         """
         return load_scan(self.name, self.dataset, self.root, subject)

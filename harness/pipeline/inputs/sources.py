@@ -121,7 +121,7 @@ class Source:
         """The subject's photos as methods and figures see them: counted from the front.
 
         Raises:
-            DataError: they are not there, or damaged.
+            DataError: they are missing or damaged.
         """
         return Capture.load(self.capture_directory(subject)).from_front()
 
@@ -129,7 +129,7 @@ class Source:
         """``cached``, ``stale`` or ``missing``, and why, without rendering anything.
 
         Raises:
-            DataError: the scan is not there.
+            DataError: there is no scan.
         """
         if self.is_generated and not self.avatar_is_current(subject):
             return "missing", "avatar has to be made"

@@ -1,4 +1,4 @@
-"""What a method says of itself, as text for a terminal and as Markdown for the documentation."""
+"""The description of a method, as text for a terminal and as Markdown for the documentation."""
 
 from __future__ import annotations
 

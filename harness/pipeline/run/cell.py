@@ -1,4 +1,4 @@
-"""One method on one subject: what it is lent, and how its result is scored.
+"""One method on one subject: the privileged data it is given, and how its result is scored.
 
 All of this decides a record's numbers, and the code that it imports counts in every record's key.
 Code that only plans, files or times a run therefore does not belong here.

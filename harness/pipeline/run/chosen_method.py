@@ -35,20 +35,29 @@ class ChosenMethod:
     method: Method
 
     @classmethod
-    def of(cls, name: str, settings: Mapping[str, str], row: str = "") -> ChosenMethod:
+    def of(
+        cls,
+        name: str,
+        settings: Mapping[str, str],
+        row: str = "",
+        parts: PartChoice | None = None,
+    ) -> ChosenMethod:
         """The method of a name, with some settings changed.
 
         Args:
             name: In the catalogue.
-            settings: As text by name.
+            settings: As text by name; they count more than the parts.
             row: What its records are called, if not by its name.
+            parts: Parts that a user chose; None leaves the method its own.
 
         Raises:
             HarnessError: an unknown method or setting, settings for a method that has none, or a
-                row that is called like another method or has no settings of its own.
+                row that has the name of another method, or no settings of its own.
             MissingPart: the method, or one of its parts, is not installed.
         """
         method: Method = METHODS.resolve(name)
+        if parts is not None and parts.papers:
+            settings = {**parts.settings(method.info), **settings}
         if settings:
             if not isinstance(method, Configurable):
                 raise HarnessError(
@@ -70,7 +79,7 @@ class ChosenMethod:
 
     @property
     def info(self) -> MethodInfo:
-        """What the method says of itself now, under the row's name; its parts may change."""
+        """The method's own description, under the row's name; it follows changes of its parts."""
         info = self.method.info
         if self.row == self.name:
             return info
@@ -82,7 +91,7 @@ class ChosenMethod:
 
         Raises:
             MissingPart: it runs on something that is not installed; the hint is the next command.
-            MethodError: this machine cannot hold it.
+            MethodError: this machine has too little memory for it.
         """
         if isinstance(self.method, Installable):
             self.method.require_installed()
@@ -127,10 +136,7 @@ def chosen_methods(
         )
     chosen: list[ChosenMethod] = []
     for name in names:
-        exchanged: dict[str, str] = {}
-        if parts is not None and parts.papers:
-            exchanged = parts.settings(ChosenMethod.of(name, {}).info)
-        method = ChosenMethod.of(name, {**exchanged, **settings}, row)
+        method = ChosenMethod.of(name, settings, row, parts)
         method.require_installed()
         chosen.append(method)
     return tuple(chosen)
@@ -144,7 +150,7 @@ class Catalogued:
         usable: The methods that describe themselves here, in the catalogue's order.
         failures: Why others cannot be used, by name.
         missing: Why some of the usable ones cannot run yet, by name: something that the user
-            installs is not there, or this machine cannot hold it.
+            installs is missing, or this machine has too little memory.
     """
 
     usable: tuple[ChosenMethod, ...]

@@ -87,7 +87,7 @@ class EvalRequest:
         protocol: How meshes become numbers.
         store: Where records go.
         seed: Root of all randomness.
-        jobs: Subjects worked on at once.
+        jobs: Subjects processed in parallel.
         keep: Whether intermediate results are kept beside the mesh.
         reason: Why sealed subjects are evaluated; needed for sealed subjects only.
         timeout_s: Longest time for the photos of a subject, and for a cell; None is no limit.
@@ -109,7 +109,7 @@ class EvalRequest:
         """The cell of a method on a subject whose photos and scan are there.
 
         Raises:
-            HarnessError: a part of the method is gone, or its source is not there.
+            HarnessError: a part of the method is gone, or its source code is missing.
         """
         info, subject = method.info, files.capture.subject
         inputs = evaluated(info, method.module, files.capture, files.scan, self.protocol, self.seed)

@@ -5,8 +5,8 @@ at that moment, with ``evaluated`` or, for meshes made elsewhere, ``scored_elsew
 
 Code counts by import closure (``harness.core.process.source_digest``): the method's module; the
 scan's reader; ``harness.pipeline.run.cell``, which reconstructs and scores. How bodies and normal
-maps are scored, and how the scan's normals are lent, counts only for methods whose code can use it:
-a method without the name ``Body`` anywhere in its code cannot hand out a body.
+maps are scored, and how the scan's normals are handed out, counts only for methods whose code can
+use it: a method without the name ``Body`` anywhere in its code cannot hand out a body.
 """
 
 from __future__ import annotations
@@ -101,12 +101,12 @@ def evaluated(
         method: With the settings that it runs with.
         module: In which the catalogue has it.
         capture: The photos as they lie on disk.
-        scan: Likewise.
+        scan: The subject's scan as it lies on disk.
         protocol: How results are scored.
         seed: Root seed of the run.
 
     Raises:
-        HarnessError: the source of the method is not there.
+        HarnessError: the method's source code is missing.
     """
     code = method_code(module, method.privileges) | _reader(scan)
     return Inputs(
@@ -150,7 +150,7 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
         privileges: What the method is given beyond pixels.
 
     Raises:
-        HarnessError: its source is not there.
+        HarnessError: its source code is missing.
     """
     tree = SourceTree.installed(module)
     own = tree.digest([module], [_KEYS_OWN])

@@ -83,7 +83,7 @@ class CellFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the cell, so that two runs at once do not do the same work or mix their files.
+        """Lock the cell, so that two simultaneous runs do not do the same work or mix their files.
 
         Raises:
             Interrupted: the run was stopped while it waited.
@@ -152,7 +152,7 @@ class RunStore:
     directory: Path
 
     def begin(self) -> None:
-        """Make the run's folder if it is not there; the run becomes the last one."""
+        """Make the run's folder if it does not exist; the run becomes the latest."""
         write_json(self.directory / _RUN_FILE, {"schema": 1, "name": self.directory.name})
 
     @classmethod

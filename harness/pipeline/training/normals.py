@@ -35,7 +35,7 @@ class TrainingRequest:
         training: How the network is trained.
         directory: Where checkpoint, curve and network are written.
         held_out: How many of the subjects, the last ones, only judge the network.
-        jobs: Subjects that are sampled at once.
+        jobs: Subjects that are sampled in parallel.
     """
 
     source: Source
@@ -113,8 +113,8 @@ def ensure_samples(
 ) -> dict[str, Path]:
     """The sample files of a source's subjects, made unless they are there and current.
 
-    A subject that cannot be made, as one in many whose drawn clothes do not fit, is left out and
-    said so.
+    A subject that cannot be made is left out, and a message names it: random clothes sometimes do
+    not fit.
     """
     folder = source.workspace.root / "samples" / "normals" / source.name
     paths = {subject: folder / f"{subject}.npz" for subject in source.subjects}
@@ -159,7 +159,7 @@ def _report(progress: Progress, steps: int, line: str) -> None:
 
 
 def _about(request: TrainingRequest, subjects: Sequence[str]) -> dict[str, str]:
-    """What the network's file says of itself."""
+    """The metadata of the network's file."""
     source = request.source
     dataset = source.manifest.datasets[source.name]
     version = f", version {AVATARS_VERSION}" if source.is_generated else ""

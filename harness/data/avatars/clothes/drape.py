@@ -16,6 +16,7 @@ import numpy as np
 from harness.core.errors import MethodError
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
+from harness.data.avatars.clothes.drape_job import ClothFabric, DrapeJob, GarmentJob
 from harness.data.avatars.clothes.patterns import Piece
 from harness.data.avatars.mesh.nearness import Nearness, keep_off, pushed_off
 from harness.data.avatars.mesh.quads import Floats, triangles
@@ -149,20 +150,16 @@ def _solve(
             frames=frames.astype(np.float32),
             faces=triangles(body.quads("skin")),
         )
-        garments = []
+        garments: list[GarmentJob] = []
         for piece in pieces:
             motion = np.stack([carry(piece.vertices, piece.weights, p.transforms) for p in path])
             file, out = folder / f"{piece.name}.npz", folder / f"{piece.name}.npy"
             np.savez(file, frames=motion.astype(np.float32), faces=piece.quads, pin=piece.pin)
-            fabric = {
-                "stiffness": piece.fabric.stiffness,
-                "surplus": piece.fabric.surplus,
-                "quality": quality,
-            }
-            garments.append({"file": str(file), "out": str(out), "fabric": fabric})
-        job = {"folder": name, "body": str(folder / "body.npz"), "garments": garments}
-        run_worker(_WORKER, job, progress=progress)
-        return [np.load(str(g["out"])).astype(float) for g in garments]
+            fabric = ClothFabric(piece.fabric.stiffness, piece.fabric.surplus, quality)
+            garments.append(GarmentJob(file, out, fabric))
+        job = DrapeJob(folder, folder / "body.npz", tuple(garments))
+        run_worker(_WORKER, job.to_dict(), progress=progress)
+        return [np.load(garment.out).astype(float) for garment in garments]
 
 
 def drape(

@@ -9,12 +9,14 @@ Garments are draped one after the other, the inner first; each becomes an obstac
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
+from harness.data.avatars.clothes.drape_job import ClothFabric, DrapeJob
 
 __all__ = ["drape"]
 
@@ -73,21 +75,19 @@ def _add_obstacle(
     item.collision.damping = 0.2
 
 
-def _add_cloth(
-    item: bpy.types.Object, pin: np.ndarray, fabric: dict[str, float], frames: int
-) -> None:
+def _add_cloth(item: bpy.types.Object, pin: np.ndarray, fabric: ClothFabric, frames: int) -> None:
     held = item.vertex_groups.new(name="held")
     held.add(np.flatnonzero(pin > 0).tolist(), 1.0, "REPLACE")
     cloth = item.modifiers.new("cloth", "CLOTH")
     cloth.point_cache.frame_start, cloth.point_cache.frame_end = 1, frames
     settings = cloth.settings
-    settings.quality = int(fabric["quality"])
+    settings.quality = fabric.quality
     settings.mass = _VERTEX_MASS_KG
     settings.bending_model = "ANGULAR"
-    for kind, value in {**_STIFFNESS, "bending": fabric["stiffness"]}.items():
+    for kind, value in {**_STIFFNESS, "bending": fabric.stiffness}.items():
         setattr(settings, f"{kind}_stiffness", value)
         setattr(settings, f"{kind}_damping", _DAMPING[kind])
-    settings.shrink_min = -fabric["surplus"]
+    settings.shrink_min = -fabric.surplus
     settings.vertex_group_mass = held.name
     settings.pin_stiffness = 1.0
     contact = cloth.collision_settings
@@ -111,29 +111,23 @@ def _solve(
     return np.array(positions)
 
 
-def drape(job: dict[str, object], tick: StepReport) -> dict[str, object]:
-    """Drape the job's garments and write the last two frames of each.
-
-    Job: ``folder``; ``body`` and ``garments[].file``: .npz with frames (N,V,3) m in the product's
-    axes, faces, and for a garment pin (V,); ``garments[].fabric``: stiffness, surplus, quality;
-    ``garments[].out``: .npy to write, (2,V,3).
-    """
-    folder = Path(str(job["folder"]))
-    with np.load(str(job["body"])) as body:
+def drape(job: dict[str, Any], tick: StepReport) -> dict[str, object]:
+    """Drape the garments of a ``DrapeJob`` and write the last two frames of each."""
+    asked = DrapeJob.from_dict(job)
+    with np.load(asked.body) as body:
         frames = len(body["frames"])
-        _add_obstacle("body", _to_blender(body["frames"]), body["faces"], _BODY_GAP_M, folder)
+        _add_obstacle("body", _to_blender(body["frames"]), body["faces"], _BODY_GAP_M, asked.folder)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, frames
-    garments: list[dict[str, object]] = job["garments"]  # type: ignore[assignment]
-    for k, garment in enumerate(garments):
-        with np.load(str(garment["file"])) as cloth:
+    for k, garment in enumerate(asked.garments):
+        with np.load(garment.file) as cloth:
             motion, faces, pin = _to_blender(cloth["frames"]), cloth["faces"], cloth["pin"]
-        item = _animated_mesh(f"cloth{k}", motion, faces, folder)
-        _add_cloth(item, pin, garment["fabric"], frames)  # type: ignore[arg-type]
-        solved = _solve(item, frames, tick, k * frames, len(garments) * frames)
+        item = _animated_mesh(f"cloth{k}", motion, faces, asked.folder)
+        _add_cloth(item, pin, garment.fabric, frames)
+        solved = _solve(item, frames, tick, k * frames, len(asked.garments) * frames)
         bpy.data.objects.remove(item)
-        np.save(str(garment["out"]), _from_blender(solved[-2:]))
-        _add_obstacle(f"obstacle{k}", solved, faces, _CLOTH_OBSTACLE_GAP_M, folder)
+        np.save(garment.out, _from_blender(solved[-2:]))
+        _add_obstacle(f"obstacle{k}", solved, faces, _CLOTH_OBSTACLE_GAP_M, asked.folder)
     return {"frames": frames, "blender": bpy.app.version_string}
 
 

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from harness.core.arrays import Ints32
 from harness.core.errors import DataError
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.quads import Floats, Ints
+from harness.geometry.topology import components, edges_of
 
 __all__ = ["Shell", "cap", "outer_shell"]
 
@@ -151,6 +153,22 @@ def _one_piece(field: Floats) -> Floats:
     return np.where(np.abs(field) < _TINY, -_TINY, field)
 
 
+def _piece_of_face(faces: np.ndarray) -> Ints32:
+    """The piece of each face (F,): faces that share an edge hang together.
+
+    Open3D's own search takes four seconds.
+    """
+    of_side = edges_of(faces).of_side.ravel()
+    order = np.argsort(of_side, kind="stable")
+    same = np.flatnonzero(np.diff(of_side[order]) == 0)
+    face = order // 3
+    return components(len(faces), face[same], face[same + 1])
+
+
+def _two_at_every_edge(mesh: Any) -> bool:
+    return bool((edges_of(np.asarray(mesh.triangles)).counts == 2).all())
+
+
 def outer_shell(
     vertices: Floats, faces: Ints, caps: Sequence[tuple[Floats, Ints]], shell: Shell
 ) -> tuple[Floats, Ints]:
@@ -173,11 +191,12 @@ def outer_shell(
     if len(triangles) > shell.faces:
         mesh = mesh.simplify_quadric_decimation(shell.faces)
     mesh.remove_unreferenced_vertices()
-    found, sizes, _ = mesh.cluster_connected_triangles()
+    piece = _piece_of_face(np.asarray(mesh.triangles))
+    sizes = np.bincount(piece)
     if len(sizes) > 1:
-        mesh.remove_triangles_by_mask(np.asarray(found) != int(np.argmax(np.asarray(sizes))))
+        mesh.remove_triangles_by_mask(piece != sizes.argmax())
         mesh.remove_unreferenced_vertices()
-    if not (mesh.is_edge_manifold(allow_boundary_edges=False) and mesh.is_vertex_manifold()):
+    if not (_two_at_every_edge(mesh) and mesh.is_vertex_manifold()):
         raise DataError(
             "the outer surface is not closed",
             expected="two faces at every edge, one fan at every vertex",

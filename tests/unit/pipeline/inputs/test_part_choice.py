@@ -7,6 +7,7 @@ import pytest
 from harness.core.errors import HarnessError, MissingPart
 from harness.pipeline.inputs.part_choice import PartChoice, parsed_parts
 from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+from methods.catalog import METHODS
 
 PAPER = parsed_parts("paper")
 BODY = {"body.model": "smplx", "body.start": "pixie"}
@@ -76,3 +77,12 @@ def test_what_a_user_set_counts_more():
     assert (body["model"], body["start"], body["normals"]) == ("smplx", "average", "off")
     assert chosen_methods(["hull8"], {}, parts=PAPER)[0].settings == {}
     assert chosen_methods(["econ"], {}, parts=None)[0].settings == {}
+
+
+def test_a_method_with_chosen_parts_is_made_once(monkeypatch):
+    asked = []
+    resolve = METHODS.resolve
+    monkeypatch.setattr(METHODS, "resolve", lambda name: asked.append(name) or resolve(name))
+    chosen_methods(["mexecon2"], {"body.start": "average", "body.normals": "off",
+                                  "surface.normals": "body"}, parts=PAPER)  # fmt: skip
+    assert asked == ["mexecon2"]
