@@ -53,9 +53,10 @@ class Colouring:
     def __init__(self, mesh: Mesh, photos: Sequence[Photo]) -> None:
         self.mesh = mesh
         self.graph = SurfaceGraph(mesh)
-        caster = Raycaster(mesh.geometry())
+        self.caster = Raycaster(mesh.geometry())
         self.sights = tuple(
-            sight_of(photo, caster, self.graph.positions, self.graph.normals) for photo in photos
+            sight_of(photo, self.caster, self.graph.positions, self.graph.normals)
+            for photo in photos
         )
 
     def from_photos(self, chosen: Sequence[int]) -> ColouredMesh:
