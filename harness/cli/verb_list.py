@@ -19,6 +19,7 @@ VERBS = {
     "quickstart": "Make two avatars, run every method, and print the tables.",
     "doctor": "Check what is installed, and what to do about the rest.",
     "render": "Render calibrated photos of subjects.",
+    "capture": "Import photos with cameras, and export captures.",
     "eval": "Run methods on subjects and score what they make.",
     "score": "Score meshes that were made elsewhere.",
     "report": "Print a table of a run, or draw a figure of it.",

@@ -75,9 +75,12 @@ class SubjectClass(_Strict):
 class Dataset(_Strict):
     """Subjects in THuman's layout, with the explicit rule that turns their units into metres.
 
+    A dataset of kind ``captures`` has photos and no scans: its subjects are what was imported.
+
     Attributes:
         title: Name in tables.
-        kind: ``generated`` is made here; ``thuman`` is the user's own licensed copy.
+        kind: ``generated`` is made here; ``thuman`` is the user's own licensed copy; ``captures``
+            are imported photos without scans.
         licence: Licence of the scans.
         root: Folder; ``${VARIABLE}`` is taken from the environment, relative paths from the
             workspace.
@@ -96,12 +99,12 @@ class Dataset(_Strict):
     """
 
     title: str
-    kind: Literal["generated", "thuman"]
+    kind: Literal["generated", "thuman", "captures"]
     licence: str
     root: str
     scale: Annotated[str, BeforeValidator(_scale_rule)]
     facing: Literal["+z", "fit"] | dict[str, float]
-    subjects: tuple[str, ...]
+    subjects: tuple[str, ...] = ()
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
     scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
     sealed: bool = False
@@ -127,6 +130,10 @@ class Dataset(_Strict):
     @model_validator(mode="after")
     def _subjects_are_distinct(self) -> Dataset:
         repeated = sorted(name for name, count in Counter(self.subjects).items() if count > 1)
+        if self.kind == "captures":
+            if self.subjects:
+                raise ValueError("subjects of kind 'captures' are what was imported, not listed")
+            return self
         if not self.subjects or repeated:
             raise ValueError(
                 f"subjects are empty or repeated: {', '.join(repeated) or 'none given'}"
@@ -260,7 +267,8 @@ class Manifest:
 
         Args:
             name: A dataset or a split.
-            subjects: Only these of its subjects, in this order; all when empty.
+            subjects: Only these of its subjects, in this order; all when empty. Which subjects a
+                dataset of imported captures has is not known here: they are taken as they are.
         """
         if name in self.splits:
             split = self.splits[name]
@@ -271,7 +279,7 @@ class Manifest:
             known = [*self.datasets, *self.splits]
             raise HarnessError(f"unknown dataset '{name}'", hint=did_you_mean(name, known))
         for subject in subjects:
-            if subject not in available:
+            if subject not in available and self.datasets[dataset_name].kind != "captures":
                 raise HarnessError(
                     f"dataset '{name}' has no subject '{subject}'",
                     hint=did_you_mean(subject, available),

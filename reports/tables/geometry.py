@@ -97,8 +97,12 @@ def metric_value(record: Record, metric: str) -> float:
     """
     where = f"{record.method_name}/{record.subject}"
     if metric not in record.metrics:
+        without_scan = record.inputs.get("truth") == {}
         raise ProtocolMismatch(
-            f"the record of {where} has no {metric}", hint="Evaluate it again to replace it"
+            f"the record of {where} has no {metric}",
+            hint="Imported photos have no scan to be measured against"
+            if without_scan
+            else "Evaluate it again to replace it",
         )
     estimate, unit = record.metrics[metric], METRICS[metric].unit
     if estimate.unit != unit:

@@ -66,6 +66,8 @@ def photograph(
     Raises:
         HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
     """
+    if source.is_imported:
+        return source.imported(subject)
     if source.capture_state(subject)[0] != "cached":
         job = CaptureJob(source.only(subject))
         report = counted(progress, PHOTOS)
@@ -88,7 +90,7 @@ def render_all(
     announce(source.manifest, source.name, progress)
     states = {subject: _state(source, subject) for subject in source.subjects}
     waiting = sum(state != "cached" for state in states.values())
-    progress.expect(PHOTOS, waiting * source.recipe.rig.views)
+    progress.expect(PHOTOS, waiting * source.views_to_render)
 
     def one(subject: str) -> CaptureOutcome:
         state = "cached" if states[subject] == "cached" else "made now"

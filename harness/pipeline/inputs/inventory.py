@@ -6,8 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from harness.core.errors import MissingPart
-from harness.data.manifest import Manifest
+from harness.data.manifest import Dataset, Manifest
 from harness.data.thuman import FileCheck, check_subject
+from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 
 __all__ = ["Tree", "check_tree", "overview"]
@@ -19,6 +20,10 @@ def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, st
     for name, dataset in manifest.datasets.items():
         try:
             root = manifest.root(name, workspace.root)
+            if dataset.kind == "captures":
+                count = len(imported_subjects(workspace, name))
+                datasets[name] = f"{dataset.title} ({dataset.licence}): {count} in {root}"
+                continue
             there = sum(
                 (root / "model" / subject).is_dir() or (root / subject).is_dir()
                 for subject in dataset.subjects
@@ -77,6 +82,8 @@ def check_tree(
     A dataset whose folder is not set is shown whole, as missing.
     """
     resolved, dataset, chosen = manifest.select(name, subjects)
+    if dataset.kind == "captures":
+        return _imported_tree(dataset, workspace, resolved, chosen)
     needs_fit = "fit" in (dataset.scale, dataset.facing)
     try:
         root = manifest.root(resolved, workspace.root)
@@ -96,3 +103,23 @@ def check_tree(
     else:
         summary = f"{len(wrong)} of {len(files)} files missing or corrupt. {hint}"
     return Tree(f"{dataset.title} ({dataset.licence}), below {root}", files, summary)
+
+
+def _imported_tree(
+    dataset: Dataset, workspace: Workspace, name: str, subjects: tuple[str, ...]
+) -> Tree:
+    """The imported captures of a dataset, with what is wrong with each."""
+    found: list[FileCheck] = []
+    for subject in subjects or imported_subjects(workspace, name):
+        directory = workspace.capture(name, subject, IMPORTED)
+        state, why = imported_state(directory)
+        there = (directory / "capture.json").is_file()
+        kind = "present" if state == "cached" else "corrupt" if there else "missing"
+        found.append(FileCheck(str(directory.relative_to(workspace.root)), kind, why))
+    wrong = sum(entry.state != "present" for entry in found)
+    summary = (
+        f"{wrong} of {len(found)} captures missing or damaged: import them again"
+        if wrong
+        else f"{len(found)} captures; 'harness capture import' adds more"
+    )
+    return Tree(f"{dataset.title} ({dataset.licence})", tuple(found), summary)

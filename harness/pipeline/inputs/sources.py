@@ -19,6 +19,7 @@ from harness.core.settings import RenderRecipe
 from harness.data.avatars import AVATARS_VERSION, make_avatar, recipe_for
 from harness.data.manifest import Manifest, load_manifest
 from harness.data.scans import load_scan, locate_scan
+from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 from renderers.capture import CaptureInputs, capture
 
@@ -34,14 +35,14 @@ class Source:
         workspace: Where data and captures lie.
         name: Dataset's name, never a split's.
         subjects: Ids.
-        recipe: How they are photographed.
+        recipe: How they are photographed; None for imported photos.
     """
 
     manifest_path: Path
     workspace: Workspace
     name: str
     subjects: tuple[str, ...]
-    recipe: RenderRecipe
+    recipe: RenderRecipe | None
 
     @classmethod
     def select(
@@ -52,8 +53,14 @@ class Source:
         subjects: tuple[str, ...],
         recipe: str,
     ) -> Source:
-        """The source behind what a user named: dataset or split, some subjects, a recipe."""
-        name, _, chosen = manifest.select(dataset, subjects)
+        """The source behind what a user named: dataset or split, some subjects, a recipe.
+
+        Imported photos are as they are, whatever the recipe.
+        """
+        name, found, chosen = manifest.select(dataset, subjects)
+        if found.kind == "captures":
+            imported = chosen or imported_subjects(workspace, name)
+            return cls(manifest.path.resolve(), workspace, name, imported, None)
         return cls(manifest.path.resolve(), workspace, name, chosen, manifest.recipe(recipe))
 
     @property
@@ -69,6 +76,35 @@ class Source:
     def is_generated(self) -> bool:
         """Whether the subjects are made here."""
         return self.manifest.datasets[self.name].kind == "generated"
+
+    @property
+    def is_imported(self) -> bool:
+        """Whether the subjects are imported photos, without scans."""
+        return self.manifest.datasets[self.name].kind == "captures"
+
+    @property
+    def recipe_name(self) -> str:
+        """The name of the recipe, or what stands in its place for imported photos."""
+        return IMPORTED if self.recipe is None else self.recipe.name
+
+    @property
+    def render_recipe(self) -> RenderRecipe:
+        """The recipe.
+
+        Raises:
+            HarnessError: imported photos have none.
+        """
+        if self.recipe is None:
+            raise HarnessError(
+                f"dataset '{self.name}' is of imported photos, which cannot be rendered",
+                hint="Name a dataset of scans; 'harness data list' lists them",
+            )
+        return self.recipe
+
+    @property
+    def views_to_render(self) -> int:
+        """Photos of a subject whose photos are missing."""
+        return 0 if self.recipe is None else self.recipe.rig.views
 
     @property
     def scale_rule(self) -> str:
@@ -106,16 +142,37 @@ class Source:
         return True
 
     def locate(self, subject: str) -> Scan:
-        """The subject's scan, hashed but not read."""
+        """The subject's scan, hashed but not read.
+
+        Raises:
+            DataError: it is not there.
+        """
+        self._require_scans()
         return locate_scan(self.name, self.manifest.datasets[self.name], self.root(), subject)
 
     def load(self, subject: str) -> tuple[Scan, Mesh]:
-        """The subject's scan and its textured mesh in world metres."""
+        """The subject's scan and its textured mesh in world metres.
+
+        Raises:
+            DataError: it is not there, or cannot be read.
+        """
+        self._require_scans()
         return load_scan(self.name, self.manifest.datasets[self.name], self.root(), subject)
+
+    def scan_of(self, subject: str) -> Scan | None:
+        """The subject's scan as ``locate`` has it; None for imported photos."""
+        return None if self.is_imported else self.locate(subject)
+
+    def _require_scans(self) -> None:
+        if self.is_imported:
+            raise DataError(
+                f"dataset '{self.name}' is of imported photos, which have no scan",
+                hint="Name a dataset of scans; 'harness data list' lists them",
+            )
 
     def capture_directory(self, subject: str) -> Path:
         """Where the subject's photos under this recipe lie."""
-        return self.workspace.capture(self.name, subject, self.recipe.name)
+        return self.workspace.capture(self.name, subject, self.recipe_name)
 
     def capture(self, subject: str) -> Capture:
         """The subject's photos as methods and figures see them: counted from the front.
@@ -131,6 +188,8 @@ class Source:
         Raises:
             DataError: there is no scan.
         """
+        if self.is_imported:
+            return imported_state(self.capture_directory(subject))
         if self.is_generated and not self.avatar_is_current(subject):
             return "missing", "avatar has to be made"
         directory = self.capture_directory(subject)
@@ -143,7 +202,7 @@ class Source:
         before: Mapping[str, object] = found.provenance.get("inputs", {})
         # Photos of another device are as good, but not the same: theirs is part of their key.
         device = str(before.get("device", ""))
-        now = CaptureInputs.of(self.locate(subject), self.recipe, device)
+        now = CaptureInputs.of(self.locate(subject), self.render_recipe, device)
         if found.key != now.key:
             return "stale", f"changed: {listed_differences(before, now.to_dict())}"
         damage = found.damage()
@@ -155,21 +214,37 @@ class Source:
         Raises:
             HarnessError: the avatar, the scan, the renderer or the proof of the cameras failed.
         """
+        if self.is_imported:
+            return self.imported(subject)
         if self.is_generated:
             self.make_avatar(subject)
-        directory = self.capture_directory(subject)
-        with exclusive_lock(directory.parent / f".{self.recipe.name}.lock"):
+        directory, recipe = self.capture_directory(subject), self.render_recipe
+        with exclusive_lock(directory.parent / f".{recipe.name}.lock"):
             if self.capture_state(subject)[0] != "cached":
                 remove_leftovers(directory)
                 scan, mesh = self.load(subject)
-                capture(scan, mesh, self.recipe, directory, report, self._exact_photos(subject))
+                capture(scan, mesh, recipe, directory, report, self._exact_photos(subject))
             return Capture.load(directory)
+
+    def imported(self, subject: str) -> Capture:
+        """A subject's imported photos.
+
+        Raises:
+            DataError: they are not there, or damaged.
+        """
+        state, why = self.capture_state(subject)
+        if state != "cached":
+            raise DataError(f"imported photos of '{subject}' cannot be used: {why}")
+        return Capture.load(self.capture_directory(subject))
 
     def _exact_photos(self, subject: str) -> Capture | None:
         """Photos of another recipe that this one only adds a camera's faults to, if current."""
         for recipe in self.manifest.recipes.values():
             other = replace(self, recipe=recipe)
-            if recipe.is_exact_of(self.recipe) and other.capture_state(subject)[0] == "cached":
+            if (
+                recipe.is_exact_of(self.render_recipe)
+                and other.capture_state(subject)[0] == "cached"
+            ):
                 return Capture.load(other.capture_directory(subject))
         return None
 
@@ -184,7 +259,7 @@ class Source:
             "workspace": str(self.workspace.root),
             "dataset": self.name,
             "subjects": list(self.subjects),
-            "recipe": self.recipe.name,
+            "recipe": self.recipe_name,
         }
 
     @classmethod
@@ -196,8 +271,10 @@ class Source:
         """
         manifest = _manifest(Path(values["manifest"]))
         workspace = Workspace(Path(values["workspace"]))
-        recipe = manifest.recipe(values["recipe"])
-        return cls(manifest.path, workspace, values["dataset"], tuple(values["subjects"]), recipe)
+        name, subjects = values["dataset"], tuple(values["subjects"])
+        imported = manifest.datasets[name].kind == "captures"
+        recipe = None if imported else manifest.recipe(values["recipe"])
+        return cls(manifest.path, workspace, name, subjects, recipe)
 
 
 @functools.lru_cache(maxsize=4)

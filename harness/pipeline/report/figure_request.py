@@ -57,7 +57,7 @@ def draw_figure(
     source = _source(request, records, manifest, workspace)
     methods = tuple(dict.fromkeys(record.method_name for record in records))
     what = f"figure {request.name}"
-    look = Look(what, source.name, source.subjects, request.reason, methods, source.recipe.name)
+    look = Look(what, source.name, source.subjects, request.reason, methods, source.recipe_name)
     admit(manifest, workspace, look, progress)
     path = request.output or request.store.directory / f"{request.name}.png"
     return FIGURES[request.name](request.store, source, records, path)

@@ -17,13 +17,15 @@ from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import save_mesh
-from harness.core.mesh import Mesh
+from harness.core.privileges import Privilege
 from harness.core.process.differences import listed_differences
 from harness.core.process.shared_work import Sharing, alone
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
-from harness.core.protocols import Context
+from harness.core.protocols import Context, MethodInfo
+from harness.core.results import Scores
 from harness.pipeline.inputs.environment import environment
+from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
 from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
@@ -33,6 +35,9 @@ from harness.pipeline.work.cost import StageMeter
 from harness.pipeline.work.shared_results import SharedResults
 
 __all__ = ["handle"]
+
+#: What only a scan can lend.
+_OF_THE_SCAN = (Privilege.GROUND_TRUTH_MESH, Privilege.SUBJECT_CENTRE, Privilege.ORACLE_NORMALS)
 
 
 def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noqa: ARG001
@@ -77,7 +82,7 @@ class _Task:
         try:
             capture = self._capture()
             damage = capture.damage()
-            now = self._inputs(capture, self.job.source.locate(self.job.subject))
+            now = self._inputs(capture, self.job.source.scan_of(self.job.subject))
         except (HarnessError, OSError) as error:
             return str(error)
         planned = self.job.inputs
@@ -86,26 +91,28 @@ class _Task:
         found = listed_differences(planned.to_dict(), now.to_dict())
         return f"changed since it was planned: {found}"
 
-    def _inputs(self, capture: Capture, scan: Scan) -> Inputs:
+    def _inputs(self, capture: Capture, scan: Scan | None) -> Inputs:
         method, job = self.job.method, self.job
         return evaluated(method.info, method.module, capture, scan, job.protocol, job.seed)
 
     def carried_out(self) -> CellResult:
-        """The method's result, scored and written.
+        """The method's result, written, and scored where there is a scan.
 
         Raises:
             HarnessError: photos or scan cannot be read, or results cannot be written.
         """
-        capture = self._capture().from_front()
-        truth = Truth.read(*self.job.source.load(self.job.subject))
-        meter = StageMeter()
+        source, meter = self.job.source, StageMeter()
+        truth = None if source.is_imported else Truth.read(*source.load(self.job.subject))
+        scores = Scores()
         try:
             share = self._sharing(meter)
-            result = self._reconstruction(capture, truth.mesh, meter, share)
+            chosen = views_for(self.job.method.info, self._capture())
+            result = self._reconstruction(chosen.capture, truth, meter, share)
             self._require_planned_scoring(result)
-            # Scoring is no cost of the method's.
-            others = self._sharing(StageMeter())
-            scores = scores_of(result, capture, truth, self.job.protocol, others)
+            if truth is not None:
+                # Scoring is no cost of the method's.
+                others = self._sharing(StageMeter())
+                scores = scores_of(result, chosen.capture, truth, self.job.protocol, others)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except HarnessError as error:
@@ -115,7 +122,7 @@ class _Task:
             scores=scores,
             stages=tuple(meter.stages),
             shared_work=_taken_over(share),
-            details=result.details,
+            details={**result.details, **chosen.details},
             files=self._written(result),
         )
 
@@ -126,15 +133,16 @@ class _Task:
         return SharedResults(folder, meter, is_current=lambda: not self.changed())
 
     def _reconstruction(
-        self, capture: Capture, truth: Mesh, meter: StageMeter, share: Sharing
+        self, capture: Capture, truth: Truth | None, meter: StageMeter, share: Sharing
     ) -> Reconstruction:
         info = self.job.method.info
+        lent = _nothing_lent(info) if truth is None else lent_to(info, capture, truth.mesh)
         with self._workdir() as workdir:
             context = Context(
                 seed=seed_for(self.job.seed, self.job.method.name, self.job.subject),
                 workdir=workdir,
                 stage=meter.stage,
-                privileged=lent_to(info, capture, truth),
+                privileged=lent,
                 keep=self.job.keep,
                 share=share,
             )
@@ -181,6 +189,22 @@ class _Task:
 def _taken_over(share: Sharing) -> tuple[str, ...]:
     """Which work was taken over, each kind once."""
     return tuple(dict.fromkeys(share.taken)) if isinstance(share, SharedResults) else ()
+
+
+def _nothing_lent(method: MethodInfo) -> dict[str, object]:
+    """What a method is lent where there is no scan: nothing.
+
+    Raises:
+        MethodError: it cannot do without.
+    """
+    needed = [privilege.label for privilege in method.privileges if privilege in _OF_THE_SCAN]
+    if needed:
+        raise MethodError(
+            f"method '{method.name}' is given the {' and '.join(needed)} of a scan",
+            got="imported photos, which have no scan",
+            hint="Run a method that sees photos alone",
+        )
+    return {}
 
 
 if __name__ == "__main__":

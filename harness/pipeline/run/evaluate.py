@@ -103,13 +103,13 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     source.root()
     methods = tuple(method.row for method in request.methods)
     look = Look(
-        "evaluation", source.name, source.subjects, request.reason, methods, source.recipe.name
+        "evaluation", source.name, source.subjects, request.reason, methods, source.recipe_name
     )
     admit(source.manifest, source.workspace, look, progress)
     request.store.begin()
     cells = plan(request)
     waiting = {cell.subject for cell in cells if cell.files is None}
-    progress.expect(PHOTOS, len(waiting) * source.recipe.rig.views)
+    progress.expect(PHOTOS, len(waiting) * source.views_to_render)
     progress.expect(_CELLS, len(cells))
     run = _Run(request, progress)
     outcomes = in_threads(run.subject, source.subjects, request.jobs)
@@ -145,7 +145,7 @@ class _Run:
         source = self.request.source
         try:
             capture = photograph(source, subject, self.progress, self.request.timeout_s)
-            return SubjectFiles(capture, source.locate(subject))
+            return SubjectFiles(capture, source.scan_of(subject))
         except HarnessError as error:
             return error
 
@@ -216,7 +216,7 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         method=cell.info,
         dataset=request.source.name,
         subject=cell.subject,
-        recipe=request.source.recipe.name,
+        recipe=request.source.recipe_name,
         protocol=ProtocolStamp.of(request.protocol),
         capture=_stamp(capture) if capture else CaptureStamp(),
         seed=request.seed,

@@ -25,11 +25,11 @@ class SubjectFiles:
 
     Attributes:
         capture: Its photos.
-        scan: Its true surface.
+        scan: Its true surface; None for imported photos, which have none.
     """
 
     capture: Capture
-    scan: Scan
+    scan: Scan | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +157,7 @@ def _cells(request: EvalRequest, subject: str) -> list[Cell]:
         state, why = source.capture_state(subject)
         if state == "cached":
             capture = Capture.load(source.capture_directory(subject))
-            files = SubjectFiles(capture, source.locate(subject))
+            files = SubjectFiles(capture, source.scan_of(subject))
             return [request.cell(method, files) for method in request.methods]
         waits_for = f"photos {state}: {why}"
     except DataError as error:

@@ -47,7 +47,7 @@ class Inputs:
         code: Digest by module of the method, of what reads the scan, and of what scores.
         packages: Version by name of each package that these modules import.
         photos: The capture's key; empty where the mesh was made elsewhere.
-        truth: ``Scan.truth_identity()``.
+        truth: ``Scan.truth_identity()``; empty for imported photos, which have no scan.
         protocol: ``MetricProtocol.to_dict()``.
         seed: Root seed of the run.
         mesh: sha256 of a mesh that was made elsewhere; else empty.
@@ -91,7 +91,7 @@ def evaluated(
     method: MethodInfo,
     module: str,
     capture: Capture,
-    scan: Scan,
+    scan: Scan | None,
     protocol: MetricProtocol,
     seed: int,
 ) -> Inputs:
@@ -101,7 +101,7 @@ def evaluated(
         method: With the settings that it runs with.
         module: In which the catalogue has it.
         capture: The photos as they lie on disk.
-        scan: The subject's scan as it lies on disk.
+        scan: The subject's scan as it lies on disk; None where there is none.
         protocol: How results are scored.
         seed: Root seed of the run.
 
@@ -114,7 +114,7 @@ def evaluated(
         code=code.modules,
         packages=code.packages,
         photos=capture.key,
-        truth=scan.truth_identity(),
+        truth=scan.truth_identity() if scan else {},
         protocol=protocol.to_dict(),
         seed=seed,
     )
@@ -138,7 +138,9 @@ def scored_elsewhere(
     )
 
 
-def _reader(scan: Scan) -> SourceDigest:
+def _reader(scan: Scan | None) -> SourceDigest:
+    if scan is None:
+        return SourceDigest({}, {})
     return SourceDigest(scan.reader.get("code", {}), scan.reader.get("packages", {}))
 
 

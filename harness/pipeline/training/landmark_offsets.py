@@ -127,7 +127,9 @@ def _main(subjects: str) -> None:
     chosen = subject_range(subjects) or tuple(subjects.split(","))
     source = Source.select(load_manifest(None), Workspace.default(), _DATASET, chosen, "paper8")
     width, height = _SIZE
-    recipe = replace(source.recipe, name="offsets8", renderer="raycast", width=width, height=height)
+    recipe = replace(
+        source.render_recipe, name="offsets8", renderer="raycast", width=width, height=height
+    )
     source = replace(source, recipe=recipe)
     body = AnnyBody()
     people: list[tuple[Capture, Posed]] = []

@@ -1,0 +1,187 @@
+"""``harness capture``: photos of real people come in, captures go out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.display import shown_progress
+from harness.cli.options import Json, Timeout, WorkspacePath, limit_s
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from harness.data.captures.pictures import photo_folder
+from harness.data.captures.reading import find_cameras
+from harness.pipeline.importing.request import AUTO, ImportRequest
+from harness.pipeline.importing.start import import_capture
+from harness.pipeline.inputs.imported import CAPTURES, IMPORTED, imported_subjects, name_for
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture, named_capture
+
+__all__ = ["app"]
+
+app = verb_group("capture")
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the photos.")]
+Cameras = Annotated[
+    Path | None,
+    typer.Option(
+        "--cameras",
+        metavar="FILE",
+        help="Camera file: nerfstudio's transforms.json, COLMAP's folder (text or binary), a "
+        "published camera_parameters.json, or a capture.json. Default: looked for in DIR.",
+    ),
+]
+Masks = Annotated[
+    Path | None,
+    typer.Option(
+        "--masks",
+        metavar="DIR",
+        help="Folder with a mask for each photo, white on black. Default: the photos' alpha; "
+        "where there is none, masks are made.",
+    ),
+]
+Name = Annotated[
+    str, typer.Option("--name", metavar="NAME", help="Name of the capture. Default: DIR's name.")
+]
+Up = Annotated[
+    str,
+    typer.Option(
+        "--up",
+        metavar="AXIS",
+        help="Which way is up in the camera file, such as +z, -y or 0,0,1. By default the cameras "
+        "tell, which are held level.",
+    ),
+]
+Facing = Annotated[
+    str,
+    typer.Option(
+        "--facing",
+        metavar="AXIS",
+        help="Where the person faces in the camera file, such as -y; or a photo from the front. By "
+        "default landmarks in the photos tell.",
+    ),
+]
+Height = Annotated[
+    float,
+    typer.Option(
+        "--height", metavar="METRES", help="How high the person is as they stand in the photos."
+    ),
+]
+Scale = Annotated[
+    str,
+    typer.Option(
+        "--scale",
+        metavar="METRES",
+        help="Metres per unit of the camera file; auto estimates it from a mean height.",
+    ),
+]
+Origin = Annotated[
+    str,
+    typer.Option(
+        "--origin",
+        metavar="WHERE",
+        help="Where the origin goes: subject is the person's middle, file leaves it as it is.",
+    ),
+]
+Longest = Annotated[
+    int,
+    typer.Option("--longest", metavar="PIXELS", help="Photos with a longer side are made smaller."),
+]
+Accept = Annotated[
+    bool, typer.Option("--accept", help="Import photos that contradict their cameras, too.")
+]
+
+
+@app.command("import")
+def import_photos(
+    folder: Folder,
+    cameras: Cameras = None,
+    masks: Masks = None,
+    name: Name = "",
+    up: Up = AUTO,
+    facing: Facing = AUTO,
+    height: Height = 0.0,
+    scale: Scale = "",
+    origin: Origin = "subject",
+    longest: Longest = 1920,
+    accept: Accept = False,
+    timeout: Timeout = 3600.0,
+    workspace: WorkspacePath = None,
+    as_json: Json = False,
+) -> None:
+    """Import photos with cameras of another program as a capture.
+
+    Lens distortion is undone. Photos are turned upright, and only the person is kept of them. It is
+    said where masks came from, and how up, front and scale were found.
+    """
+    place, subject = Workspace.default(workspace), name or name_for(folder)
+    folder = photo_folder(folder)
+    request = ImportRequest(
+        photos=str(folder.resolve()),
+        cameras=str((cameras or find_cameras(folder)).resolve()),
+        masks="" if masks is None else str(masks.resolve()),
+        directory=str(place.capture(CAPTURES, subject, IMPORTED)),
+        dataset=CAPTURES,
+        subject=subject,
+        recipe=IMPORTED,
+        up=up,
+        facing=facing,
+        height_m=height,
+        scale=scale,
+        origin=origin,
+        longest_px=longest,
+        accept=accept,
+    )
+    with shown_progress(quiet=as_json) as progress:
+        made = import_capture(request, progress, limit_s(timeout))
+    if as_json:
+        print_json({"name": subject, **made.to_dict()})
+        return
+    print(f"{subject}: {made.views} photos in {made.directory}")
+    for line in made.notes:
+        print(f"  {line}")
+    for line in made.warnings:
+        print(f"  warning: {line}")
+    print(f"Next: harness eval --dataset {CAPTURES} --subjects {subject} --method hull8,mexecon8")
+
+
+@app.command("list")
+def list_captures(workspace: WorkspacePath = None, as_json: Json = False) -> None:
+    """List the captures that were imported."""
+    names = imported_subjects(Workspace.default(workspace))
+    if as_json:
+        print_json(list(names))
+        return
+    for subject in names:
+        print(subject)
+
+
+@app.command("export")
+def export(
+    capture: Annotated[
+        str,
+        typer.Argument(
+            metavar="CAPTURE", help="Name of an imported capture, or a folder with a capture.json."
+        ),
+    ],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to be made.")],
+    cameras: Annotated[
+        str, typer.Option("--cameras", metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.")
+    ] = FORMATS[0],
+    alpha: Annotated[
+        bool,
+        typer.Option(
+            "--alpha/--no-alpha",
+            help="Keep the photos' alpha, or put the person before plain grey.",
+        ),
+    ] = True,
+    masks: Annotated[bool, typer.Option("--masks", help="Write masks as files, too.")] = False,
+    workspace: WorkspacePath = None,
+) -> None:
+    """Export a capture as plain photos with a camera file, for other programs."""
+    found = named_capture(Workspace.default(workspace), capture)
+    request = ExportRequest(folder, cameras, alpha=alpha, masks=masks)
+    names = export_capture(found, request)
+    print(f"{len(names)} photos and their cameras ({cameras}) in {folder}")

@@ -1,0 +1,96 @@
+"""Photos and cameras of another program become a capture like any other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from harness.core.artifacts import Capture, image_name
+from harness.core.cameras.frames import write_transforms_json
+from harness.core.errors import HarnessError
+from harness.core.files.atomic import atomic_directory, exclusive_lock, remove_leftovers, write_json
+from harness.core.files.hashing import content_hash, file_sha256
+from harness.core.process.steps import StepReport
+from harness.data.captures.reading import read_cameras
+from harness.data.captures.views import ForeignCameras
+from harness.pipeline.importing.matching import matched_photos
+from harness.pipeline.importing.placing import Placed, check_scale, found_up, placed
+from harness.pipeline.importing.request import Imported, ImportRequest
+from harness.pipeline.importing.taking import TakenViews, take_photos
+
+__all__ = ["import_photos"]
+
+_LEAST_PX = 64
+
+
+def import_photos(request: ImportRequest, report: StepReport) -> Imported:
+    """Make a capture of photos with cameras, in place of one that was there.
+
+    Args:
+        request: Photos, cameras, and what is known of their world.
+        report: Called after every photo.
+
+    Raises:
+        HarnessError: files that cannot be read, photos that contradict their cameras, or a world
+            of which too little is known.
+        MissingPart: MediaPipe is needed, and not installed.
+    """
+    if request.longest_px < _LEAST_PX:
+        raise HarnessError(f"--longest {request.longest_px}", expected=f"at least {_LEAST_PX}")
+    foreign = read_cameras(Path(request.cameras))
+    check_scale(request, foreign)
+    masks = Path(request.masks) if request.masks else None
+    matched = matched_photos(Path(request.photos), foreign, masks)
+    used = replace(foreign, views=tuple(photo.view for photo in matched.photos))
+    up, up_note = found_up(request, used)
+    directory = Path(request.directory)
+    with exclusive_lock(directory.parent / f".{directory.name}.lock"):
+        remove_leftovers(directory)
+        with atomic_directory(directory) as folder:
+            taken = take_photos(matched.photos, up, request.longest_px, folder, report)
+            found = placed(request, used, up, taken.views, folder)
+            found = replace(found, notes=(up_note, *found.notes))
+            warnings = (*matched.warnings, *taken.warnings, *found.warnings)
+            capture = _capture(request, foreign, taken, found, folder)
+            capture = replace(capture, directory=directory, warnings=warnings)
+            images = [image_name(number) for number in range(len(taken.views))]
+            write_transforms_json(folder / "transforms.json", capture.cameras, images)
+            write_json(folder / "capture.json", capture.to_dict())
+    return Imported(str(directory), len(taken.views), found.notes, warnings)
+
+
+def _capture(
+    request: ImportRequest,
+    foreign: ForeignCameras,
+    taken: TakenViews,
+    found: Placed,
+    folder: Path,
+) -> Capture:
+    """The capture whose pictures lie in ``folder``; its key is that of pictures and cameras."""
+    cameras = tuple(found.world.camera(view.camera) for view in taken.views)
+    names = [image_name(number) for number in range(len(taken.views))]
+    images = {name: file_sha256(folder / name) for name in names}
+    key = content_hash(
+        {
+            "images": images,
+            "cameras": [camera.to_dict() for camera in cameras],
+            "front_yaw_deg": found.front_yaw_deg,
+        }
+    )
+    return Capture(
+        dataset=request.dataset,
+        subject=request.subject,
+        recipe=request.recipe,
+        key=key,
+        directory=folder,
+        cameras=cameras,
+        front_yaw_deg=found.front_yaw_deg,
+        provenance={
+            "imported": {
+                "cameras": foreign.layout,
+                "views": [view.to_dict() for view in taken.views],
+                "world": found.to_dict(),
+            },
+            "images": images,
+        },
+    )

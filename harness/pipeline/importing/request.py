@@ -1,0 +1,91 @@
+"""What ``harness capture import`` was asked for, and what came of it, as they travel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.formats.typed_json import from_json, to_json
+
+__all__ = ["AUTO", "ImportRequest", "Imported"]
+
+#: What the cameras, the photos or a stated prior decide.
+AUTO = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class ImportRequest:
+    """Photos with cameras, and how their world is to become ours.
+
+    Attributes:
+        photos: Folder with the photos.
+        cameras: File or folder with their cameras.
+        masks: Folder with their masks; empty takes alpha, and where there is none makes masks.
+        directory: Folder of the capture to be made.
+        dataset: Its dataset.
+        subject: Its name there.
+        recipe: Its recipe.
+        up: ``auto``, or an axis of the file such as ``+z`` or ``0,-1,0``.
+        facing: ``auto``, such an axis, or the name of a photo that was taken from the front.
+        height_m: How high the person is in the photos, metres; 0 where ``scale`` tells.
+        scale: Metres per unit of the file; ``auto`` or empty where it is not known.
+        origin: ``subject`` puts the origin in the middle of the person, ``file`` leaves it.
+        longest_px: Photos with a longer side are made smaller.
+        accept: Whether photos that contradict their cameras are imported all the same.
+    """
+
+    photos: str
+    cameras: str
+    directory: str
+    dataset: str
+    subject: str
+    recipe: str
+    masks: str = ""
+    up: str = AUTO
+    facing: str = AUTO
+    height_m: float = 0.0
+    scale: str = ""
+    origin: str = "subject"
+    longest_px: int = 1920
+    accept: bool = False
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return to_json(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, object]) -> ImportRequest:
+        """The request behind ``to_dict``."""
+        return from_json(cls, values, "the job", "an import")
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What came of an import.
+
+    Attributes:
+        directory: The capture's folder.
+        views: Number of its photos.
+        notes: How the world was found, one sentence each.
+        warnings: What a reader of results should know.
+    """
+
+    directory: str
+    views: int
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def path(self) -> Path:
+        """The capture's folder."""
+        return Path(self.directory)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return to_json(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, object]) -> Imported:
+        """The answer behind ``to_dict``."""
+        return from_json(cls, values, "the worker's answer", "an import")

@@ -1,0 +1,1 @@
+"""What people do with imported photos: reconstruct, look, hand on to other programs."""

@@ -1,0 +1,318 @@
+"""Photos of other programs become captures: the same world, the same pictures, and doubts told."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.artifacts import Capture
+from harness.core.cameras.camera import Camera
+from harness.core.cameras.frames import write_colmap
+from harness.core.cameras.rigs import RingRig
+from harness.core.errors import DataError, HarnessError
+from harness.core.process.steps import silent
+from harness.core.protocols import Context, MethodInfo
+from harness.geometry.images import load_rgba
+from harness.pipeline.importing.importing import import_photos
+from harness.pipeline.importing.request import ImportRequest
+from harness.pipeline.importing.subject import cut_sides, one_person
+from harness.pipeline.importing.world import (
+    FileToWorld,
+    parsed_axis,
+    quarters_upright,
+    up_of_cameras,
+)
+from harness.pipeline.inputs.view_choice import views_for
+from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture
+from methods.hull import HullSettings, VisualHull
+
+#: The front is -Y where the world has +Z up, and +Z where it has +Y up, as COLMAP's files here.
+FRONT = {"colmap-binary": "+z", "colmap-text": "+z", "nerfstudio": "-y", "published": "-y"}
+
+
+def request(folder, directory, **more) -> ImportRequest:
+    given = {"facing": "+z", "scale": "1", **more}
+    return ImportRequest(
+        photos=str(folder / "images"),
+        cameras=str(more.pop("cameras", folder / "sparse" / "0")),
+        directory=str(directory),
+        dataset="captures",
+        subject="t",
+        recipe="imported",
+        **{name: value for name, value in given.items() if name != "cameras"},
+    )
+
+
+def exported(native, folder, **more):
+    export_capture(native, ExportRequest(folder, **more))
+    return folder
+
+
+def camera_file(folder, form):
+    names = {"nerfstudio": "transforms.json", "published": "camera_parameters.json"}
+    return folder / names.get(form, "sparse/0")
+
+
+def hull(capture):
+    method = VisualHull(MethodInfo("h", "h"), HullSettings(voxel_m=0.03))
+    from contextlib import nullcontext
+
+    return method.reconstruct(
+        capture, Context(0, capture.directory, lambda name: nullcontext())
+    ).mesh
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_was_exported_comes_back_as_it_was(native, tmp_path, form):
+    folder = exported(native, tmp_path / "out", cameras=form)
+    asked = request(
+        folder, tmp_path / "in", cameras=camera_file(folder, form), facing=FRONT[form],
+        origin="file",
+    )  # fmt: skip
+    made = import_photos(asked, silent)
+    capture = Capture.load(made.path)
+    assert (capture.dataset, capture.recipe, capture.damage()) == ("captures", "imported", "")
+    assert made.warnings == ()
+    for view, (found, true) in enumerate(zip(capture.cameras, native.cameras, strict=True)):
+        np.testing.assert_allclose(found.K, true.K, atol=1e-9)
+        np.testing.assert_allclose(found.world_to_camera, true.world_to_camera, atol=1e-6)
+        np.testing.assert_array_equal(
+            load_rgba(capture.image_path(view)), load_rgba(native.image_path(view))
+        )
+    assert min(capture.provenance["imported"]["world"]["hull_iou"]) > 0.93
+    ours, theirs = hull(capture), hull(native)
+    np.testing.assert_allclose(ours.vertices, theirs.vertices, atol=1e-5)
+
+
+def test_our_own_form_keeps_its_world(native, tmp_path):
+    asked = replace(request(tmp_path, tmp_path / "in", scale="", facing="auto"),
+                    photos=str(native.directory),
+                    cameras=str(native.directory / "capture.json"))  # fmt: skip
+    capture = Capture.load(import_photos(asked, silent).path)
+    for found, true in zip(capture.cameras, native.cameras, strict=True):
+        np.testing.assert_allclose(found.world_to_camera, true.world_to_camera, atol=1e-12)
+
+
+def test_scale_up_front_and_origin_are_found(native, tmp_path):
+    """Cameras in units of 0.4 m, tilted, turned and shifted, come back to the person's world."""
+    turn = FileToWorld.upright(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0]))
+    moved = []
+    for camera in native.cameras:
+        pose = camera.world_to_camera.copy()
+        pose[:3, :3] = pose[:3, :3] @ turn.rotation
+        pose[:3, 3] = pose[:3, 3] / 0.4 - pose[:3, :3] @ np.array([5.0, -2.0, 7.0])
+        moved.append(Camera(camera.K, pose, *camera.size))
+    folder = exported(native, tmp_path / "out")
+    names = [f"{view:03d}.png" for view in range(8)]
+    for path in (folder / "sparse" / "0").iterdir():
+        path.unlink()
+    write_colmap(folder / "sparse" / "0", moved, names)
+    low, high = person_height()
+    made = import_photos(
+        request(folder, tmp_path / "in", scale="", height_m=high - low, facing="000.png"), silent
+    )
+    capture = Capture.load(made.path)
+    world = capture.provenance["imported"]["world"]
+    scale = np.cbrt(np.linalg.det(np.array(world["file_to_world"])[:3, :3]))
+    # The hull of eight views from slightly above is a little higher than the person.
+    assert scale == pytest.approx(0.4, rel=0.03)
+    assert "as given" in made.notes[2]
+    for found, true in zip(capture.cameras, native.cameras, strict=True):
+        np.testing.assert_allclose(found.forward, true.forward, atol=1e-3)
+        np.testing.assert_allclose(found.position, true.position, atol=0.1)
+
+
+def person_height():
+    from tests.unit.pipeline.importing.conftest import PARTS
+
+    return (
+        min(centre[1] - radii[1] for centre, radii in PARTS),
+        max(centre[1] + radii[1] for centre, radii in PARTS),
+    )
+
+
+# Doubts
+
+
+def test_the_unit_is_never_guessed_in_silence(native, tmp_path):
+    folder = exported(native, tmp_path / "out")
+    with pytest.raises(HarnessError, match="has to be told.*--height 1.72.*nothing is guessed"):
+        import_photos(request(folder, tmp_path / "in", scale=""), silent)
+    with pytest.raises(HarnessError, match="say the same thing"):
+        import_photos(request(folder, tmp_path / "in", height_m=1.7), silent)
+    with pytest.raises(DataError, match=r"would be 18\S* m high.*--height"):
+        import_photos(request(folder, tmp_path / "in", scale="100"), silent)
+    made = import_photos(request(folder, tmp_path / "in", scale="auto"), silent)
+    assert "an estimate, from the prior" in made.notes[2]
+    assert not (tmp_path / "in" / "rgb" / "08.png").exists()
+
+
+def test_mirrored_photos_are_told(native, tmp_path):
+    folder = exported(native, tmp_path / "out")
+    for path in (folder / "images").iterdir():
+        Image.fromarray(np.asarray(Image.open(path))[:, ::-1].copy()).save(path)
+    with pytest.raises(DataError, match=r"contradict each other.*photos are mirrored.*--accept"):
+        import_photos(request(folder, tmp_path / "in"), silent)
+    made = import_photos(request(folder, tmp_path / "in", accept=True), silent)
+    assert "contradict each other" in made.warnings[0]
+
+
+def test_photos_in_the_opposite_order_are_told(native, tmp_path):
+    folder = exported(native, tmp_path / "out", cameras="published")
+    for view in range(1, 8):
+        (folder / "images" / f"{view:03d}.png").rename(folder / "images" / f"x{8 - view:03d}.png")
+    cameras = camera_file(folder, "published")
+    with pytest.raises(DataError, match="if .*photos are in the opposite order"):
+        import_photos(request(folder, tmp_path / "in", cameras=cameras, facing="-y"), silent)
+
+
+def test_another_convention_of_cameras_is_told(native, tmp_path):
+    folder = exported(native, tmp_path / "out", cameras="nerfstudio")
+    path = folder / "transforms.json"
+    document = json.loads(path.read_text())
+    for frame in document["frames"]:
+        matrix = np.array(frame["transform_matrix"]) @ np.diag([1.0, -1.0, -1.0, 1.0])
+        frame["transform_matrix"] = matrix.tolist()
+    path.write_text(json.dumps(document))
+    with pytest.raises(DataError, match="contradict each other.*poses are of cameras that look"):
+        import_photos(request(folder, tmp_path / "in", cameras=path, facing="-y"), silent)
+
+
+def test_a_photo_that_is_not_there_is_left_out_and_said_so(native, tmp_path):
+    folder = exported(native, tmp_path / "out")
+    (folder / "images" / "003.png").unlink()
+    made = import_photos(request(folder, tmp_path / "in"), silent)
+    assert made.views == 7
+    assert "003.png" in made.warnings[0]
+
+
+def test_an_empty_mask_and_a_cut_person_are_said(native, tmp_path):
+    folder = exported(native, tmp_path / "out", masks=True)
+    Image.fromarray(np.zeros((160, 90), np.uint8)).save(folder / "masks" / "002.png")
+    mask = np.asarray(Image.open(folder / "masks" / "001.png")).copy()
+    assert mask[130].any()
+    mask[130:] = mask[130]
+    Image.fromarray(mask).save(folder / "masks" / "001.png")
+    asked = replace(request(folder, tmp_path / "in"), masks=str(folder / "masks"))
+    made = import_photos(asked, silent)
+    assert made.views == 7
+    assert "002.png shows no person" in made.warnings[0]
+    assert "cuts the person in 001.png (bottom)" in made.warnings[1]
+
+
+# The world
+
+
+@pytest.mark.parametrize(
+    ("text", "axis"),
+    [("+z", [0, 0, 1]), ("-y", [0, -1, 0]), ("X", [1, 0, 0]), ("0,3,4", [0, 0.6, 0.8])],
+)
+def test_axes_are_written_in_two_ways(text, axis):
+    np.testing.assert_allclose(parsed_axis(text), axis)
+
+
+def test_what_is_no_axis_may_be_a_photo():
+    assert parsed_axis("front.jpg") is None
+    with pytest.raises(HarnessError, match="no direction"):
+        parsed_axis("0,0,0")
+
+
+@pytest.mark.parametrize("pitch_deg", [-10.0, 0.0, 35.0])
+def test_up_is_across_the_cameras_horizontal_axes(pitch_deg):
+    cameras = RingRig(views=5, pitch_deg=pitch_deg).cameras(30, 40)
+    np.testing.assert_allclose(up_of_cameras(cameras), [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(up_of_cameras(cameras[:1] * 3)[0], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_pictures_are_turned_until_up_is_up(quarters):
+    camera = RingRig(views=1).cameras(30, 40)[0]
+    angle = np.radians(90 * quarters)
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    assert quarters_upright(camera.turned(turn), np.array([0.0, 1.0, 0.0])) == quarters
+
+
+def test_a_moved_camera_sees_moved_points_where_it_saw_them():
+    rng = np.random.default_rng(3)
+    up, front = rng.normal(size=(2, 3))
+    world = FileToWorld.upright(up / np.linalg.norm(up), front)
+    world = FileToWorld(world.rotation, 0.3, rng.normal(size=3))
+    camera = RingRig(views=4).cameras(30, 40)[1]
+    points = rng.normal(size=(5, 3)) * 0.5
+    moved = points @ world.matrix[:3, :3].T + world.matrix[:3, 3]
+    np.testing.assert_allclose(
+        world.camera(camera).project(moved)[0], camera.project(points)[0], atol=1e-9
+    )
+    np.testing.assert_allclose(world.rotation @ (up / np.linalg.norm(up)), [0, 1, 0], atol=1e-9)
+
+
+# Who is meant
+
+
+def people():
+    coverage = np.zeros((40, 60), np.uint8)
+    coverage[5:35, 5:15] = 255
+    coverage[10:30, 40:50] = 255
+    coverage[3:5, 20:22] = 255
+    return coverage
+
+
+def test_the_largest_person_is_chosen_or_the_nearest():
+    assert one_person(people()).others == 1
+    assert one_person(people()).coverage[20, 45] == 0
+    near = one_person(people(), np.array([44.0, 20.0])).coverage
+    assert (near[20, 45], near[20, 10]) == (255, 0)
+
+
+def test_strands_stay_with_the_person():
+    coverage = people()
+    coverage[:, 30:] = 0
+    found = one_person(coverage)
+    assert found.others == 0
+    np.testing.assert_array_equal(found.coverage, coverage)
+
+
+def test_the_frame_cuts_where_the_mask_touches_it():
+    assert cut_sides(people()) == ()
+    assert cut_sides(people()[6:]) == ("top",)
+
+
+# Which photos a method is given
+
+
+def imported(yaws_deg):
+    cameras = [replace(RingRig(views=1, first_yaw_deg=yaw).cameras(30, 40)[0]) for yaw in yaws_deg]
+    return Capture("captures", "t", "imported", "", None, tuple(cameras))  # pyright: ignore
+
+
+def test_a_ring_of_eight_is_found_among_many_photos():
+    yaws = [200, 0, 13, 44, 50, 88, 91, 137, 178, 222, 275, 312, 350, 30, 60]
+    chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), imported(yaws))
+    picked = [yaws[number] for number in chosen.capture.numbers]
+    assert picked == [0, 44, 91, 137, 178, 222, 275, 312]
+    assert "photos_far_from_their_view_deg" not in chosen.details
+
+
+def test_front_and_back_are_found_and_what_is_far_is_told():
+    yaws = [100, 20, 230]
+    chosen = views_for(MethodInfo("m", "M", views=(0, 4)), imported(yaws))
+    assert [yaws[chosen.capture.numbers[view]] for view in (0, 4)] == [20, 230]
+    assert chosen.details["photos_far_from_their_view_deg"] == {"4": 50.0}
+
+
+def test_a_method_that_takes_more_photos_than_there_are_says_so():
+    from harness.core.errors import MethodError
+
+    with pytest.raises(MethodError, match="takes 8 photos.*got 3 of 't'.*mexecon2"):
+        views_for(MethodInfo("m", "M", views=tuple(range(8))), imported([0, 90, 200]))
+
+
+def test_a_method_that_takes_all_photos_is_given_all_from_the_front():
+    chosen = views_for(MethodInfo("m", "M"), imported([90, 0, 200]))
+    assert chosen.capture.numbers == (1, 0, 2)
