@@ -116,7 +116,6 @@ to zoom, 0 to return to the front, 1 to 9 to look through a photo's camera."></c
 <output class="probe" hidden></output>
 <p class="notice" role="status" hidden></p>
 </div>
-<div class="photos" role="group" aria-label="Look through a photo's camera"></div>
 <form class="tools" autocomplete="off" aria-label="How surfaces are shown">
 <fieldset class="choice"><legend>Shading</legend>{shadings}</fieldset>
 <div class="scale">
@@ -137,6 +136,7 @@ max="100" value="0" disabled></label>
 value="50"></label>
 <button type="button" id="front">Front</button>
 </form>
+<div class="photos" role="group" aria-label="Look through a photo's camera"></div>
 </section>"""
 
 

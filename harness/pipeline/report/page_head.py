@@ -25,9 +25,14 @@ def page_methods(records: Sequence[Record]) -> tuple[PageMethod, ...]:
     """What a reader must know of each method, in the order of the records."""
     infos = {record.method_name: record.method for record in records}
     return tuple(
-        PageMethod(infos[group.method], group.notes, group.competes)
+        PageMethod(infos[group.method], _further(group.notes), group.competes)
         for group in select(records).groups
     )
+
+
+def _further(notes: Sequence[str]) -> tuple[str, ...]:
+    """The footnotes that say more than the lists of parts and privileges of the same card."""
+    return tuple(note for note in notes if not note.startswith(("Given: ", "Parts: ")))
 
 
 def page_lead(records: Sequence[Record], dataset: Dataset, subjects: Sequence[PageSubject]) -> str:

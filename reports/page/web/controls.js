@@ -302,6 +302,7 @@
 
   function set(values) {
     Object.assign(state, values);
+    section.dataset.shading = state.shading;
     viewer.request();
   }
 
@@ -358,6 +359,7 @@
       const input = values.includes(choice) && find(`input[name=${name}][value=${choice}]`);
       if (input) { input.checked = true; state[name] = choice; }
     }
+    section.dataset.shading = state.shading;
     state.light = find("#light").checked = parts.get("light") !== "no";
     state.wires = find("#wires").checked = parts.get("wires") === "yes";
     state.panels = wanted.panels;

@@ -9,6 +9,7 @@ HarnessPage.shaders = (() => {
   ];
   const WORK = { clay: 0, error: 1, normals: 2, photo: 3, probe: 4, truth: 0 };
 
+  // Centroid: triangles smaller than a pixel would be read beyond their edges.
   const vertex = /* glsl */ `
     in vec3 position;
     in vec3 normal;
@@ -16,10 +17,10 @@ HarnessPage.shaders = (() => {
     uniform mat4 projection;
     uniform mat4 worldToView;
     uniform mat4 photoFromWorld;
-    out vec3 vNormal;
-    out vec3 vView;
-    out vec4 vPhoto;
-    out float vScalar;
+    centroid out vec3 vNormal;
+    centroid out vec3 vView;
+    centroid out vec4 vPhoto;
+    centroid out float vScalar;
     void main() {
       vec4 view = worldToView * vec4(position, 1.0);
       vView = view.xyz;
@@ -31,10 +32,10 @@ HarnessPage.shaders = (() => {
 
   const fragment = /* glsl */ `
     precision highp float;
-    in vec3 vNormal;
-    in vec3 vView;
-    in vec4 vPhoto;
-    in float vScalar;
+    centroid in vec3 vNormal;
+    centroid in vec3 vView;
+    centroid in vec4 vPhoto;
+    centroid in float vScalar;
     uniform int mode;
     uniform bool lit;
     uniform bool hasPhoto;
@@ -57,7 +58,7 @@ HarnessPage.shaders = (() => {
       else if (facing < 0.0) normal = normalize(normal - 1.02 * facing * toEye);
       if (mode == 4) {
         // The value in 16 bits; blue says that a surface is there.
-        float share = vScalar < 0.0 ? 1.0 : min(vScalar / greatest, 0.9999);
+        float share = vScalar < -0.5 ? 1.0 : min(vScalar / greatest, 0.9999);
         float whole = floor(share * 65535.0 + 0.5);
         colour = vec4(floor(whole / 256.0) / 255.0, mod(whole, 256.0) / 255.0, 1.0, 1.0);
         return;
@@ -68,7 +69,7 @@ HarnessPage.shaders = (() => {
       vec3 clay = inside ? vec3(0.52, 0.55, 0.62) : vec3(0.83, 0.82, 0.80);
       vec3 base = clay;
       if (mode == 1) {
-        base = vScalar < 0.0 ? vec3(0.6) : texture(ramp, vec2(vScalar / limit, 0.5)).rgb;
+        base = vScalar < -0.5 ? vec3(0.6) : texture(ramp, vec2(vScalar / limit, 0.5)).rgb;
         light = lit ? 0.60 + 0.34 * key + 0.10 * fill : 1.0;
       } else if (mode == 2) {
         base = 0.5 + 0.5 * normal;
