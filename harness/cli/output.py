@@ -11,7 +11,15 @@ import typer
 from harness.core.files.atomic import write_text
 from harness.pipeline.inputs.captures import CaptureOutcome
 
-__all__ = ["deliver", "print_json", "print_outcomes"]
+__all__ = ["deliver", "how_to_open", "print_json", "print_outcomes"]
+
+
+def how_to_open(page: Path) -> str:
+    """Where a page is, and how it is opened."""
+    return (
+        f"{page}\nOpen it in a browser: {page.as_uri()}\n"
+        "It needs no network. To pass it on, copy the whole folder."
+    )
 
 
 def deliver(text: str, output: Path | None) -> None:

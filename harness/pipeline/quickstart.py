@@ -1,4 +1,4 @@
-"""``harness quickstart``: the whole way on two generated avatars, to tables and a picture."""
+"""``harness quickstart``: from two generated avatars to tables, pictures and a page."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
 from harness.pipeline.report.figures import FIGURES
+from harness.pipeline.report.page import PageRequest, write_page
 from harness.pipeline.report.tables import ReportRequest, build_table, in_order, write_tables
 from harness.pipeline.run.chosen_method import catalogued_methods
 from harness.pipeline.run.evaluate import EvalSummary, evaluate
@@ -22,7 +23,7 @@ __all__ = ["QuickstartResult", "quickstart"]
 _FIGURES = "figures"
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
 
-#: Methods in the figures: all of them side by side would be too small to see.
+#: Methods in the figures and on the page: all of them side by side would be too small to see.
 _DRAWN = ("hull8", "econ", "mexecon2", "mexecon8", "mexecon+")
 _DRAWN_BODIES = ("body-front", "body-average", "jmbo8", "jmbo8+")
 
@@ -35,6 +36,7 @@ class QuickstartResult:
         summary: All records.
         tables: The geometry and the cost table as Markdown.
         files: Tables in every format and the figures, as written.
+        page: The page's ``index.html``; None if it was not written, which ``unavailable`` explains.
         unavailable: Methods that could not be run and figures not drawn, with the reason.
     """
 
@@ -42,6 +44,7 @@ class QuickstartResult:
     tables: tuple[str, ...]
     files: tuple[Path, ...]
     unavailable: tuple[str, ...]
+    page: Path | None
 
 
 def quickstart(
@@ -80,4 +83,11 @@ def quickstart(
     tables = tuple(
         build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
     )
-    return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn))
+    surfaces = tuple(method for method in _DRAWN if method in names)
+    wanted = PageRequest(store, store.directory / "page", surfaces=surfaces)
+    page: Path | None = None
+    try:
+        page = write_page(wanted, manifest, workspace, progress, records)
+    except HarnessError as error:
+        undrawn.append(f"page: {error}")
+    return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn), page)

@@ -18,6 +18,8 @@ CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 #: Data files that packages may carry beside their modules.
 SHIPPED_DATA = {".csv", ".yaml", ".json", ".npz", ".onnx", ".toml"}
+#: What every page of a run is shipped with: style, code, three.js with its licence.
+PAGE = "reports/page/web"
 #: Where networks lie, with a page on where they come from.
 WEIGHTS = "methods/normals/weights"
 #: Where published results lie, likewise.
@@ -77,7 +79,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     for name in ("pyproject.toml", "README.md", "LICENSE", "data_manifest.yaml"):
         shutil.copy(ROOT / name, folder)
     for package in PACKAGES | {"tests"}:
-        ignore = shutil.ignore_patterns("__pycache__")
+        ignore = shutil.ignore_patterns("__pycache__", "node_modules")
         shutil.copytree(ROOT / package, folder / package, ignore=ignore)
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", "dist"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
@@ -93,7 +95,11 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
     assert "harness/data/data_manifest.yaml" in code
     others = [name for name in code if not name.endswith(".py")]
     assert "harness/core/cameras/camera.py" in code
-    unexpected = [name for name in others if Path(name).suffix not in SHIPPED_DATA]
+    unexpected = [
+        name
+        for name in others
+        if Path(name).suffix not in SHIPPED_DATA and not name.startswith(f"{PAGE}/")
+    ]
     assert set(unexpected) <= {f"{WEIGHTS}/PROVENANCE.md", f"{PUBLISHED}/PROVENANCE.md"}
 
 
@@ -104,6 +110,15 @@ def test_the_wheel_holds_the_manifest_of_every_worker(wheel: list[str]) -> None:
 
     assert manifests
     assert manifests <= set(wheel)
+
+
+def test_the_wheel_holds_what_pages_are_shipped_with(wheel: list[str]) -> None:
+    page = {name for name in wheel if name.startswith(f"{PAGE}/")}
+    tree = {path.relative_to(ROOT).as_posix() for path in (ROOT / PAGE).glob("*.*")}
+
+    assert {f"{PAGE}/{name}" for name in ("page.css", "three.js", "three.LICENSE.txt")} <= page
+    assert tree <= page
+    assert not [name for name in page if "node_modules" in name]
 
 
 def test_the_wheel_holds_every_module_of_the_tree(wheel: list[str]) -> None:

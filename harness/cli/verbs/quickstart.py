@@ -6,7 +6,7 @@ import typer
 
 from harness.cli.display import shown_progress
 from harness.cli.options import Jobs, Json, ManifestPath, WorkspacePath
-from harness.cli.output import print_json
+from harness.cli.output import how_to_open, print_json
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.workspace import Workspace
@@ -24,7 +24,7 @@ def quickstart(
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
-    """Make two avatars, run every method, and print the tables.
+    """Make two avatars, run every method, print the tables and write a page.
 
     Each avatar is photographed from eight sides. It takes some minutes; the same command continues
     after a stop.
@@ -33,7 +33,9 @@ def quickstart(
         result = carry_out(load_manifest(manifest), Workspace.default(workspace), progress, jobs)
     if as_json:
         files = [str(path) for path in result.files]
-        print_json({"counts": dict(result.summary.counts), "files": files})
+        counts = dict(result.summary.counts)
+        page = str(result.page) if result.page else None
+        print_json({"counts": counts, "files": files, "page": page})
     else:
         for table in result.tables:
             print(f"\n{table}")
@@ -42,5 +44,7 @@ def quickstart(
         print("Written:")
         for path in result.files:
             print(f"  {path}")
+        if result.page:
+            print(f"\nAll of it as a page, with surfaces that turn:\n{how_to_open(result.page)}")
     if not result.summary.all_ok:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""``harness report``: records as a table or a figure."""
+"""``harness report``: records as a table, a figure or a page."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from harness.cli.options import (
     WorkspacePath,
     split_names,
 )
-from harness.cli.output import deliver
+from harness.cli.output import deliver, how_to_open
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.figure_request import FigureRequest, draw_figure
 from harness.pipeline.report.figures import FIGURES
+from harness.pipeline.report.page import PageRequest, write_page
 from harness.pipeline.report.tables import (
     FORMATS,
     PUBLISHED_TABLE,
@@ -91,6 +92,32 @@ Figure = Annotated[
     ),
 ]
 
+Page = Annotated[
+    Path | None,
+    typer.Option(
+        "--page",
+        metavar="FOLDER",
+        help="Write a page with all tables, photos and surfaces that turn. It opens from its files "
+        "without a network.",
+    ),
+]
+Surfaces = Annotated[
+    str,
+    typer.Option(
+        "--surfaces",
+        metavar="NAMES",
+        help="With --page: methods whose surfaces can be looked at, comma-separated. Default: all "
+        "that the tables show.",
+    ),
+]
+IncludeLicensed = Annotated[
+    bool,
+    typer.Option(
+        "--include-licensed",
+        help="With --page: include scans and photos whose licence does not let you pass them on.",
+    ),
+]
+
 
 @app.command()
 def report(
@@ -104,13 +131,29 @@ def report(
     paired: Paired = False,
     output: Output = None,
     figure: Figure = "",
+    page: Page = None,
+    surfaces: Surfaces = "",
+    include_licensed: IncludeLicensed = False,
     reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Print a table of a run, or draw a figure of it."""
+    """Print a table of a run, draw a figure of it, or write a page of all of it."""
     place = Workspace.default(workspace)
+    if page is not None:
+        wanted = PageRequest(
+            store=RunStore.existing(place, run),
+            directory=page.resolve(),
+            methods=split_names(method),
+            subjects=split_names(subjects),
+            surfaces=split_names(surfaces),
+            include_licensed=include_licensed,
+            reason=reason,
+        )
+        with shown_progress() as progress:
+            print(how_to_open(write_page(wanted, load_manifest(manifest), place, progress)))
+        return
     if figure:
         drawing = FigureRequest(
             name=figure,

@@ -7,16 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.arrays import Floats
 from harness.core.errors import DataError, HarnessError
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.records import Record
 from harness.core.truth import face_regions, true_body
-from harness.core.units import MM_PER_METRE, UNITS_RULE
-from harness.geometry.surface import SurfaceIndex
+from harness.core.units import UNITS_RULE
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.report.error_cache import TrueSurface, measured_mesh
 from harness.pipeline.report.normal_figure import normals
 from harness.pipeline.report.views_figure import views
 from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
@@ -59,15 +58,15 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
     panels: list[SubjectPanels] = []
     largest = _LEAST_SCALE_MM
     for subject in source.subjects:
-        _, truth = source.load(subject)
+        truth = TrueSurface(*source.load(subject))
         meshes: list[MethodMesh] = []
         for method, title in titles.items():
-            mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
-            errors = _vertex_errors_mm(mesh, truth)
-            largest = max(largest, float(np.percentile(errors, _SCALE_PERCENTILE)))
-            meshes.append(MethodMesh(title, mesh, errors))
+            found = measured_mesh(store, _record(records, method, subject), truth)
+            errors_mm = found.errors.distance_mm
+            largest = max(largest, float(np.percentile(errors_mm, _SCALE_PERCENTILE)))
+            meshes.append(MethodMesh(title, found.mesh, errors_mm))
         capture = source.capture(subject)
-        panels.append(SubjectPanels(capture, truth, tuple(meshes)))
+        panels.append(SubjectPanels(capture, truth.mesh, tuple(meshes)))
     qualitative_grid(panels, path, _scale(source, largest))
     return path
 
@@ -141,8 +140,9 @@ def _failure_row(
     titles: Mapping[str, str],
     shown: Mapping[tuple[str, str], Record],
 ) -> FailureRow:
-    scan, truth = source.load(subject)
-    regions = face_regions(scan, truth)
+    scan, mesh = source.load(subject)
+    truth = TrueSurface(scan, mesh)
+    regions = face_regions(scan, mesh)
     if regions is None:
         raise DataError(f"the scan of {subject} has no labels any more")
     panels: list[FailurePanel] = []
@@ -151,12 +151,12 @@ def _failure_row(
         failure = worst_region(record) if record else None
         found = None
         if record and failure:
-            mesh = load_mesh(store.result(record, "mesh.ply"))
-            found = FailedMesh(mesh, _vertex_errors_mm(mesh, truth), failure)
+            measured = measured_mesh(store, record, truth)
+            found = FailedMesh(measured.mesh, measured.errors.distance_mm, failure)
         panels.append(FailurePanel(title, found))
     capture = source.capture(subject)
     names = np.array(regions.names)[regions.of_face]
-    return FailureRow(capture, truth, names, tuple(panels))
+    return FailureRow(capture, mesh, names, tuple(panels))
 
 
 #: Figures by name.
@@ -204,9 +204,3 @@ def _scale(source: Source, limit_mm: float) -> ErrorScale:
     if source.scale_rule == UNITS_RULE:
         return ErrorScale(limit_mm, "distance to the true surface (thousandths of a scan unit)")
     return ErrorScale(limit_mm)
-
-
-def _vertex_errors_mm(mesh: Mesh, truth: Mesh) -> Floats:
-    """(V,) distance of each vertex from the true surface."""
-    _, distances = SurfaceIndex(truth).closest(mesh.vertices)
-    return distances * MM_PER_METRE

@@ -32,12 +32,13 @@ __all__ = [
     "ReportRequest",
     "build_published",
     "build_table",
+    "every_table",
     "in_order",
     "write_tables",
 ]
 
 T = TypeVar("T")
-
+_LEAST_FOR_INTERVALS = 4
 
 #: The table of the authors' own results, which needs no run.
 PUBLISHED_TABLE = "published"
@@ -135,6 +136,20 @@ def write_tables(
             write_text(path, write(table))
             written.append(path)
     return written
+
+
+def every_table(
+    records: Sequence[Record], subjects: tuple[str, ...] | None = None
+) -> tuple[Table, ...]:
+    """Every table that some method has numbers for; methods are as in the records.
+
+    Means carry intervals from four subjects on: fewer tell next to nothing of their spread.
+    """
+    methods = tuple(dict.fromkeys(record.method_name for record in records))
+    interval = len({record.subject for record in records}) >= _LEAST_FOR_INTERVALS
+    request = ReportRequest(methods=methods, subjects=subjects, interval=interval)
+    made = (_table(records, replace(request, table=name)) for name in TABLES)
+    return tuple(table for table in made if table.rows)
 
 
 def _table(records: Sequence[Record], request: ReportRequest) -> Table:

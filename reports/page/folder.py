@@ -1,0 +1,106 @@
+"""A page becomes a folder that can be copied anywhere and opened from there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from harness.core.arrays import Bytes
+from harness.core.cameras.camera import Camera
+from harness.core.errors import HarnessError
+from harness.core.files.atomic import atomic_directory, write_json
+from harness.core.records import Record
+from reports.page.compact_mesh import COMPACT_VERSION, CompactMesh
+from reports.page.data_script import (
+    data_script,
+    photos_path,
+    photos_script,
+    surface_path,
+    surface_script,
+    thumbnail_path,
+)
+from reports.page.document import SCRIPTS, page_html
+from reports.page.method_html import record_path
+from reports.page.model import PageModel
+from reports.page.photos import thumbnail, webp
+
+__all__ = ["MARK_FILE", "PageFolder", "page_folder"]
+
+#: Says that a folder is a page, which may be replaced by a newer one.
+MARK_FILE = "page.json"
+_SHIPPED = (*SCRIPTS, "page.css", "three.js", "three.LICENSE.txt")
+
+
+@dataclass(frozen=True, slots=True)
+class PageFolder:
+    """A page that is being written, one large file after the other.
+
+    Attributes:
+        directory: Where its files go for now.
+    """
+
+    directory: Path
+
+    def add_surface(self, subject: str, method: str, mesh: CompactMesh) -> None:
+        """Write one surface."""
+        self._write(surface_path(subject, method), surface_script(subject, method, mesh))
+
+    def add_photos(self, subject: str, photos: Sequence[Bytes], cameras: Sequence[Camera]) -> None:
+        """Write the photos of a subject, the frontal one first.
+
+        Args:
+            subject: Its id.
+            photos: (H, W, 4) each.
+            cameras: Theirs, at the size that the page shows.
+        """
+        pictures = [
+            webp(rgba, (camera.width, camera.height))
+            for rgba, camera in zip(photos, cameras, strict=True)
+        ]
+        self._write(photos_path(subject), photos_script(subject, pictures))
+        (self.directory / thumbnail_path(subject)).write_bytes(thumbnail(photos[0]))
+
+    def add_records(self, records: Sequence[Record]) -> None:
+        """Write the records that stand behind the numbers."""
+        for record in records:
+            record.save(self.directory / record_path(record))
+
+    def finish(self, model: PageModel) -> None:
+        """Write the document, its data, and what every page is shipped with."""
+        self.add_records(model.records)
+        self._write("data.js", data_script(model))
+        self._write("index.html", page_html(model))
+        shipped = files("reports.page") / "web"
+        for name in _SHIPPED:
+            self._write(f"web/{name}", (shipped / name).read_text(encoding="utf-8"))
+        write_json(self.directory / MARK_FILE, {"page": model.title, "meshes": COMPACT_VERSION})
+
+    def _write(self, name: str, text: str) -> None:
+        # The folder as a whole is written atomically.
+        path = self.directory / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def page_folder(path: Path) -> Iterator[PageFolder]:
+    """A page that takes the place of ``path`` as a whole when the block succeeds.
+
+    Raises:
+        HarnessError: there is something at ``path`` that is no page; it is left alone.
+        DataError: a full disk or a missing right.
+    """
+    if path.exists() and not _is_replaceable(path):
+        raise HarnessError(
+            f"{path} is not empty and is no page",
+            hint="Name a new folder: a page replaces its folder as a whole",
+        )
+    with atomic_directory(path) as temporary:
+        yield PageFolder(temporary)
+
+
+def _is_replaceable(path: Path) -> bool:
+    return path.is_dir() and ((path / MARK_FILE).is_file() or not any(path.iterdir()))

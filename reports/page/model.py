@@ -1,0 +1,141 @@
+"""What a page shows, as plain values: nothing here knows of files or of HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from harness.core.cameras.camera import Camera
+from harness.core.protocols import MethodInfo
+from harness.core.records import Record
+from reports.tables.table import Table
+
+__all__ = [
+    "TRUTH",
+    "Fact",
+    "PageMethod",
+    "PageModel",
+    "PageScalar",
+    "PageSubject",
+    "PageSurface",
+    "PageView",
+]
+
+#: The name of the true surface where others have the name of their method. No method has a slash.
+TRUTH = "/truth"
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A line of the page's head: what it is, and what it says."""
+
+    label: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PageScalar:
+    """A number per vertex that surfaces are coloured by.
+
+    Attributes:
+        id: As in the surfaces' files.
+        title: For people, without unit.
+        unit: Symbol.
+        limit: Value of the last colour at first.
+        greatest: Largest value that the limit can be set to.
+    """
+
+    id: str
+    title: str
+    unit: str
+    limit: float
+    greatest: float
+
+
+@dataclass(frozen=True, slots=True)
+class PageMethod:
+    """One method, with what a reader must know to compare it.
+
+    Attributes:
+        info: Its parts, privileges, settings and deviations.
+        notes: What its rows of tables say in footnotes.
+        competes: Whether its rows may be the best of a table.
+    """
+
+    info: MethodInfo
+    notes: tuple[str, ...] = ()
+    competes: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PageView:
+    """A photo of a subject, counted from the front.
+
+    Attributes:
+        yaw_deg: Where its camera stands, from the subject's front towards its left.
+        camera: For the photo's own number of pixels.
+    """
+
+    yaw_deg: float
+    camera: Camera
+
+
+@dataclass(frozen=True, slots=True)
+class PageSurface:
+    """A surface that can be looked at.
+
+    Attributes:
+        method: Whose it is; ``TRUTH`` for the true one.
+        title: For people.
+        faces: How many triangles it has.
+        values: Numbers of this surface by metric's id, such as ``chamfer``.
+    """
+
+    method: str
+    title: str
+    faces: int
+    values: Mapping[str, float] = field(default_factory=dict[str, float])
+
+
+@dataclass(frozen=True, slots=True)
+class PageSubject:
+    """One subject.
+
+    Attributes:
+        id: Within the dataset.
+        description: What it wears and does; empty where that is not known.
+        views: Its photos; empty where there are none.
+        surfaces: The true one last.
+    """
+
+    id: str
+    description: str
+    views: tuple[PageView, ...]
+    surfaces: tuple[PageSurface, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PageModel:
+    """Everything that a page shows, apart from photos and meshes themselves.
+
+    Attributes:
+        title: Name of the run.
+        lead: One sentence on what was measured.
+        facts: The head's lines.
+        tables: In the order of their tabs.
+        methods: In the order of the tables.
+        subjects: In the order of the dataset.
+        scalars: What surfaces can be coloured by; the first one at first.
+        opening: Names of the surfaces that are shown at first, left to right.
+        records: The records behind all numbers.
+    """
+
+    title: str
+    lead: str
+    facts: tuple[Fact, ...]
+    tables: tuple[Table, ...]
+    methods: tuple[PageMethod, ...]
+    subjects: tuple[PageSubject, ...]
+    scalars: tuple[PageScalar, ...]
+    opening: tuple[str, ...]
+    records: tuple[Record, ...]

@@ -1,0 +1,40 @@
+// The page's one global: what scripts hand in, and how more of them are asked for.
+"use strict";
+
+const HarnessPage = (() => {
+  const waiting = new Map();
+  const loaded = new Map();
+
+  const keyOf = (subject, name) => `${subject}\n${name}`;
+
+  // A page from disk may not fetch, but it may load scripts: each hands its content to receive().
+  function load(subject, name, file) {
+    const key = keyOf(subject, name);
+    if (!loaded.has(key)) {
+      loaded.set(key, new Promise((resolve, reject) => {
+        const script = document.createElement("script");
+        waiting.set(key, resolve);
+        script.src = file;
+        script.onload = () => script.remove();
+        script.onerror = () => {
+          loaded.delete(key);
+          reject(new Error(`${decodeURIComponent(file)} is not there: copy the whole folder`));
+        };
+        document.head.append(script);
+      }));
+    }
+    return loaded.get(key);
+  }
+
+  function receive([subject, name], ...content) {
+    const key = keyOf(subject, name);
+    waiting.get(key)?.(content.length === 1 ? content[0] : content);
+    waiting.delete(key);
+  }
+
+  function forget(subject, name) {
+    loaded.delete(keyOf(subject, name));
+  }
+
+  return { data: null, load, receive, forget };
+})();

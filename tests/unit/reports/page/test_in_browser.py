@@ -1,0 +1,286 @@
+"""The page in a headless Chromium: what is drawn, what the controls do, what is asked for."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.unit.reports.page.chromium import Page, browser, find_chromium
+from tests.unit.reports.page.pages import CELLS, PHOTO, write_page
+
+CHROMIUM = find_chromium()
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        CHROMIUM is None,
+        reason="no Chromium: install it (apt-get install chromium) or set HARNESS_CHROMIUM",
+    ),
+]
+#: First, middle and last colour of the error scale.
+LOW, MIDDLE, HIGH = (233, 229, 220), (224, 108, 74), (52, 17, 38)
+FLAT = "light=no"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_page(tmp_path_factory.mktemp("browser") / "page").parent
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    assert CHROMIUM
+    with browser(CHROMIUM, tmp_path_factory.mktemp("profile")) as found:
+        yield found
+
+
+def opened(tab: Page, folder: Path, address: str = "", size: tuple[int, int] = (900, 700)) -> Page:
+    tab.requests.clear()
+    tab.complaints.clear()
+    tab.open(folder / "index.html", f"#{address}" if address else "", size)
+    tab.run("HarnessPage.ready")
+    return tab
+
+
+def middle_of(tab: Page, panel: int) -> tuple[int, ...]:
+    """The colour in the middle of a panel."""
+    return pixel(
+        tab, f"panels[{panel}].x + panels[{panel}].width / 2", f"panels[{panel}].height / 2"
+    )
+
+
+def pixel(tab: Page, x: str, y: str) -> tuple[int, ...]:
+    script = (
+        "(() => { const { panels, pixelAt } = HarnessPage.viewer;"
+        f" return ((panels) => pixelAt({x}, {y}))(panels()); }})()"
+    )
+    return tuple(tab.run(script)[:3])
+
+
+def near(found: tuple[int, ...], wanted: tuple[int, ...], most: int = 3) -> bool:
+    return max(abs(a - b) for a, b in zip(found, wanted, strict=True)) <= most
+
+
+def move(tab: Page, name: str, value: float) -> None:
+    tab.run(
+        f"(() => {{ const input = document.getElementById('{name}'); input.value = {value};"
+        " input.dispatchEvent(new Event('input', { bubbles: true })); })()"
+    )
+
+
+def choose(tab: Page, name: str, value: str) -> None:
+    tab.run(f"document.querySelector('input[name={name}][value={value}]').click()")
+
+
+def test_all_triangles_arrive_and_nothing_but_files_is_asked_for(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=hull8 mexecon vggt /truth")
+
+    wanted = {name: 2 * cells**2 for name, cells in CELLS.items()}
+    assert tab.run("HarnessPage.viewer.triangles()") == wanted
+    assert tab.requests
+    assert [a for a in tab.requests if not a.startswith(("file:", "data:", "blob:"))] == []
+    assert tab.complaints == []
+
+
+def test_errors_have_the_colours_of_the_bar(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=hull8 mexecon vggt&{FLAT}")
+
+    for panel, colour in enumerate((LOW, MIDDLE, HIGH)):
+        assert near(middle_of(tab, panel), colour), panel
+
+
+def test_the_limit_changes_what_is_the_last_colour(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=mexecon&{FLAT}")
+    assert near(middle_of(tab, 0), MIDDLE)
+
+    move(tab, "limit", 500)  # 10 mm, as far as this surface is off
+    assert near(middle_of(tab, 0), HIGH)
+    assert "10" in tab.run("document.querySelector('.ticks').textContent")
+
+
+def test_another_metric_has_other_colours_and_its_own_limit(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=vggt&{FLAT}")
+    tab.run(
+        "(() => { const menu = document.getElementById('metric'); menu.value = 'normal_error';"
+        " menu.dispatchEvent(new Event('change', { bubbles: true })); })()"
+    )
+
+    assert near(middle_of(tab, 0), LOW)
+    assert "60" in tab.run("document.querySelector('.ticks').textContent")
+
+
+def test_normals_that_face_the_camera_are_blue(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=vggt&shading=normals")
+
+    assert near(middle_of(tab, 0), (128, 128, 255))
+
+
+def test_the_back_of_an_open_surface_looks_different(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=vggt&shading=clay&{FLAT}")
+    front = middle_of(tab, 0)
+    tab.run("HarnessPage.viewer.lookThrough(2)")
+
+    assert not near(middle_of(tab, 0), front, 20)
+
+
+def test_a_photo_lies_on_the_surface_that_its_camera_sees(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=vggt&shading=photo&{FLAT}")
+
+    assert near(middle_of(tab, 0), PHOTO[:3], 8)
+
+
+def test_the_photo_over_the_surface_can_be_faded_in(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=hull8&{FLAT}")
+    move(tab, "overlay", 100)
+    assert near(middle_of(tab, 0), PHOTO[:3], 8)
+
+    move(tab, "overlay", 50)
+    half = tuple((a + b) // 2 for a, b in zip(PHOTO, LOW, strict=False))
+    assert near(middle_of(tab, 0), half, 8)
+
+
+def test_the_slider_shows_one_surface_on_each_side(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=hull8 vggt&layout=slider&{FLAT}")
+    left, right = ("panels[0].width * 0.4", "panels[0].width * 0.6")
+    height = "panels[0].height / 2"
+    assert near(pixel(tab, left, height), LOW)
+    assert near(pixel(tab, right, height), HIGH)
+
+    move(tab, "split", 70)
+    assert near(pixel(tab, right, height), LOW)
+    assert tab.run("document.querySelector('.divider').style.left") == "70%"
+
+
+def test_pointing_reads_the_error_from_the_surface(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=mexecon&shading=clay")
+    script = (
+        "(() => { const { width, height } = HarnessPage.viewer.panels()[0];"
+        " return HarnessPage.viewer.valueAt(width * {x}, height / 2); })()"
+    )
+
+    assert tab.run(script.replace("{x}", "0.5"))["value"] == pytest.approx(10.0, abs=0.06)
+    assert tab.run(script.replace("{x}", "0.01")) is None
+
+
+def test_keys_turn_the_view_and_lead_back(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=hull8")
+    press = (
+        "document.querySelector('canvas').dispatchEvent("
+        "new KeyboardEvent('keydown', {{ key: '{}' }}))"
+    )
+    assert tab.run("HarnessPage.viewer.state.view") == 0
+
+    tab.run(press.format("ArrowRight"))
+    assert tab.run("HarnessPage.viewer.state.view") is None
+    tab.run(press.format("2"))
+    assert tab.run("HarnessPage.viewer.state.view") == 1
+    tab.run(press.format("0"))
+    assert tab.run("HarnessPage.viewer.state.view") == 0
+
+
+def test_a_turned_view_passes_smoothly_out_of_a_photo(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=hull8&{FLAT}")
+    edge = ("panels[0].width / 2", "panels[0].height * {}")
+    rows = [edge[1].format(share / 100) for share in range(2, 50, 2)]
+    before = [pixel(tab, edge[0], row) for row in rows]
+    tab.run("HarnessPage.viewer.turn(0, 0, 1)")
+
+    assert tab.run("HarnessPage.viewer.state.view") is None
+    assert [pixel(tab, edge[0], row) for row in rows] == before
+
+
+def test_tables_are_sorted_by_a_column(tab: Page, folder: Path) -> None:
+    opened(tab, folder)
+    values = (
+        "[...document.querySelector('[data-table=geometry]').tBodies].filter((b) => "
+        "!b.classList.contains('apart')).map((b) => "
+        "b.rows[0].querySelector('[data-value]')?.dataset.value ?? null)"
+    )
+    head = "document.querySelector('[data-table=geometry] th.number')"
+    upward = [float(v) for v in tab.run(values) if v is not None]
+    assert upward == sorted(upward)
+    assert tab.run(f"{head}.getAttribute('aria-sort')") == "ascending"
+
+    tab.run(f"{head}.querySelector('button').click()")
+    assert [float(v) for v in tab.run(values) if v is not None] == sorted(upward, reverse=True)
+    assert tab.run(f"{head}.getAttribute('aria-sort')") == "descending"
+
+
+def test_a_method_tells_its_parts_and_a_number_its_records(tab: Page, folder: Path) -> None:
+    opened(tab, folder)
+    tab.run("document.querySelector('a.method[data-method=mexecon]').focus()")
+    assert "Parts" in tab.run("document.getElementById('card').textContent")
+
+    tab.run("document.querySelector('button.value[data-method=hull8]').click()")
+    links = tab.run("[...document.querySelectorAll('#card a')].map((a) => a.getAttribute('href'))")
+    assert links == [f"records/hull8/a0{k}.json" for k in (1, 2, 3)]
+    tab.run("document.dispatchEvent(new KeyboardEvent('keydown', { key: 'Escape' }))")
+    assert tab.run("document.getElementById('card').hidden")
+
+
+def test_everything_that_can_be_used_has_a_name(tab: Page, folder: Path) -> None:
+    opened(tab, folder)
+    nameless = tab.run(
+        "[...document.querySelectorAll('button, select, input, a, canvas')].filter((e) => !("
+        "e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length))"
+        ".map((e) => e.outerHTML)"
+    )
+
+    assert nameless == []
+
+
+def test_another_subject_keeps_the_panels(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=hull8 vggt")
+    choose(tab, "subject", "a02")
+    tab.run(
+        "new Promise((done) => { const { viewer } = HarnessPage; const wait = () => "
+        "viewer.state.subject === 'a02' && viewer.has('hull8') && viewer.has('vggt')"
+        " && location.hash.includes('a02') ? done() : setTimeout(wait, 20); wait(); })"
+    )
+
+    assert tab.run("HarnessPage.viewer.triangles()") == {"hull8": 32, "vggt": 72}
+    assert "subject=a02" in tab.run("location.hash")
+
+
+def test_nothing_is_wider_than_a_phone(tab: Page, folder: Path) -> None:
+    opened(tab, folder, size=(360, 740))
+
+    assert tab.run("document.documentElement.scrollWidth") <= 360
+    assert len(tab.run("HarnessPage.viewer.state.panels")) == 2
+
+
+def test_a_copied_and_a_locked_folder_open_as_well(tab: Page, folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "with spaces & ä" / "page"
+    shutil.copytree(folder, copy)
+    for path in [copy, *copy.rglob("*")]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    try:
+        opened(tab, copy, "show=hull8 /truth")
+        assert tab.run("HarnessPage.viewer.triangles()") == {"hull8": 32, "/truth": 18}
+        assert tab.complaints == []
+        assert all("/with%20spaces" in a for a in tab.requests if a.startswith("file:"))
+    finally:
+        for path in [copy, *copy.rglob("*")]:
+            path.chmod(0o755)
+
+
+def test_a_missing_surface_is_said_and_the_others_are_shown(
+    tab: Page, folder: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "page"
+    shutil.copytree(folder, copy)
+    (copy / "surfaces" / "vggt" / "a01.js").unlink()
+    opened(tab, copy, "show=hull8 vggt")
+
+    assert tab.run("HarnessPage.viewer.triangles()") == {"hull8": 32, "vggt": 0}
+    assert "copy the whole folder" in tab.run(
+        "document.querySelector('.stage .notice').textContent"
+    )
+
+
+def test_a_page_without_photos_turns_as_well(tab: Page, tmp_path: Path) -> None:
+    bare = write_page(tmp_path / "page", photos=False).parent
+    opened(tab, bare, f"show=hull8&{FLAT}")
+
+    assert near(middle_of(tab, 0), LOW)
+    assert tab.complaints == []
