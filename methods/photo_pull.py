@@ -138,6 +138,7 @@ def agreed_points(start: Mesh, capture: Capture, task: StereoTask) -> StereoPoin
 
 
 def _stereo_views(capture: Capture, task: StereoTask) -> list[StereoView]:
+    # Not at the top, as above.
     from methods.stereo.views import stereo_view
 
     return [

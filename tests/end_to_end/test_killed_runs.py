@@ -20,8 +20,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 COMMAND = [sys.executable, "-m", "harness.cli.main", "eval", "--dataset", "toy", "--recipe", "tiny",
-           "--method", "coarse,gt", "--jobs", "2"]  # fmt: skip
-SHORT = [*COMMAND, "--subjects", "t1,t2"]
+           "--method", "coarse,gt", "--jobs", "2", "--subjects", "t1,t2"]  # fmt: skip
 KILLS = 10
 
 #: Ten moments at which runs are stopped, in shares of the time that an undisturbed one takes. Each
@@ -32,22 +31,10 @@ MOMENTS = sum(map(len, ROWS))
 
 @dataclass(frozen=True)
 class Calm:
-    """What undisturbed runs gave, and how long they took.
-
-    Attributes:
-        records: Of all three subjects.
-        short_s: Seconds of ``SHORT``.
-        whole_s: Seconds of ``COMMAND``.
-    """
+    """What an undisturbed run gave, and how many seconds it took."""
 
     records: dict[str, object]
-    short_s: float
     whole_s: float
-
-    @property
-    def short(self) -> dict[str, object]:
-        """The records of ``SHORT``."""
-        return {name: record for name, record in self.records.items() if "/t3/" not in name}
 
 
 @pytest.fixture(scope="module")
@@ -56,18 +43,16 @@ def calm(
     coarse_package: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Calm:
-    """An undisturbed run of two subjects, continued by one of all."""
+    """An undisturbed run of two subjects with two methods."""
     place = make_world(tmp_path_factory.mktemp("calm"))
-    seconds = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(coarse_package), prepend=os.pathsep)
-        for command in (SHORT, COMMAND):
-            begin = time.monotonic()
-            subprocess.run(command, cwd=place, check=True, capture_output=True, timeout=300)
-            seconds.append(time.monotonic() - begin)
+        begin = time.monotonic()
+        subprocess.run(COMMAND, cwd=place, check=True, capture_output=True, timeout=300)
+        whole_s = time.monotonic() - begin
     records = timeless(place)
-    assert len(records) == 6
-    return Calm(records, seconds[0], sum(seconds))
+    assert len(records) == 4
+    return Calm(records, whole_s)
 
 
 def timeless(world: Path) -> dict[str, object]:
@@ -123,7 +108,7 @@ def shell_code(status: int) -> int:
 def interrupted(world: Path, number: signal.Signals, seconds: float) -> tuple[int, str]:
     """Exit code and errors of a run that gets a signal; its children are gone with it."""
     run = subprocess.Popen(
-        SHORT, cwd=world, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        COMMAND, cwd=world, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
     )
     time.sleep(seconds)
     children = psutil.Process(run.pid).children(recursive=True)
@@ -139,7 +124,7 @@ def test_ctrl_c_at_ten_moments(tmp_path, make_world, calm):
     for number, row in enumerate(ROWS):
         place = make_world(made(tmp_path / f"row-{number}"))
         for share in row:
-            code, errors = interrupted(place, signal.SIGINT, share * calm.short_s)
+            code, errors = interrupted(place, signal.SIGINT, share * calm.whole_s)
             codes.append(code)
             found = timeless(place)
             unfinished += len(found) < 4
@@ -152,10 +137,10 @@ def test_ctrl_c_at_ten_moments(tmp_path, make_world, calm):
                 assert "Traceback" not in errors
             if code == 0:
                 # It came to its end before the moment: the next one has all its work to do.
-                assert found == calm.short
+                assert found == calm.records
                 place = make_world(made(tmp_path / f"row-{number}-after-{share}"))
-        subprocess.run(SHORT, cwd=place, check=True, capture_output=True, timeout=300)
-        assert timeless(place) == calm.short
+        subprocess.run(COMMAND, cwd=place, check=True, capture_output=True, timeout=300)
+        assert timeless(place) == calm.records
         assert not [*half_written(place), *place.rglob(".attempt")]
     assert len(codes) == 10
     # Runs may come to their end before the moment, on a machine that has become faster.
@@ -175,7 +160,7 @@ def test_sigterm_says_143(world, calm):
     code, errors = 143, ""
     for share in (0.5, 0.25, 0.12):
         shutil.rmtree(world / "runs")
-        code, errors = interrupted(world, signal.SIGTERM, share * calm.short_s)
+        code, errors = interrupted(world, signal.SIGTERM, share * calm.whole_s)
         if code:
             break
     assert code == 143

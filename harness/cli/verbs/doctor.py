@@ -1,4 +1,4 @@
-"""``harness doctor``: what is usable here, and what to do about the rest."""
+"""``harness doctor``: what is usable here, and how to install the rest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ app = verb_group("doctor")
 def doctor(
     workspace: WorkspacePath = None, manifest: ManifestPath = None, as_json: Json = False
 ) -> None:
-    """Check what is installed, and what to do about the rest.
+    """Check what is installed, and show how to install the rest.
 
     The exit code is 1 when something is missing without which 'harness quickstart' cannot run.
     """

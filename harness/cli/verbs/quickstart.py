@@ -24,10 +24,10 @@ def quickstart(
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
-    """Make two avatars, run every method, print the tables and write a page.
+    """Make two avatars, run every method, and print the tables.
 
-    Each avatar is photographed from eight sides. It takes some minutes; the same command continues
-    after a stop.
+    Each avatar is photographed from eight sides, and a page shows all results. It takes some
+    minutes; the same command continues after a stop.
     """
     with shown_progress(quiet=as_json) as progress:
         result = carry_out(load_manifest(manifest), Workspace.default(workspace), progress, jobs)

@@ -139,7 +139,7 @@ def report(
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Print a table of a run, draw a figure of it, or write a page of all of it."""
+    """Print a table of a run, draw a figure, or write a page."""
     place = Workspace.default(workspace)
     if page is not None:
         wanted = PageRequest(

@@ -19,6 +19,7 @@ from harness.data.avatars import (
     subject_ids,
 )
 from harness.data.avatars.build import drape_recipe
+from harness.data.avatars.clothes import drape
 from harness.data.avatars.mesh.faces import neighbours
 from harness.data.avatars.people.body import AvatarBody
 from harness.data.avatars.stored import drape_key, load_drape, save_drape
@@ -218,11 +219,21 @@ def test_blender_drapes_what_is_stored_and_stale_drapes_are_not_used(tmp_path, m
     assert np.array_equal(again[0].vertices, shipped[0].vertices)
     monkeypatch.setattr(stored, "DRAPE_VERSION", stored.DRAPE_VERSION + 1)
     assert load_drape(recipe, pieces, tmp_path) is None
-    solved, repeated = drape_recipe(recipe, body), drape_recipe(recipe, body)
-    for new, twin, old in zip(solved, repeated, shipped, strict=True):
-        assert np.linalg.norm(new.vertices - twin.vertices, axis=1).max() < 1e-4
+    for new, old in zip(drape_recipe(recipe, body), shipped, strict=True):
         # Draping is chaotic: how another processor rounds moves folds, which is why drapes are
         # stored, but not garments.
         away = np.linalg.norm(new.vertices - old.vertices, axis=1)
         assert away.mean() < 4e-3
         assert away.max() < 0.05
+
+
+def test_blender_drapes_alike_each_time():
+    """Both garments, thrown into the pose in a few frames: to the last bit."""
+    recipe = recipe_for(NAME)
+    body = AvatarBody(recipe.phenotype)
+    pieces = [item.piece for item in drape_recipe(recipe, body)]
+    path = drape._path(body, recipe.posture, drape._Motion(4, 2, 5))
+    first, again = (drape._solve(body, path, pieces, 5, None) for _ in range(2))
+    for one, other, piece in zip(first, again, pieces, strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert np.linalg.norm(one[-1] - piece.vertices, axis=1).max() > 0.05

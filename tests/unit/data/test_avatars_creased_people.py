@@ -8,7 +8,7 @@ import pytest
 from harness.core.errors import DataError, MethodError
 from harness.core.files.hashing import content_hash
 from harness.core.formats.mesh_files import load_mesh
-from harness.data.avatars import creased_clothes, make_avatar
+from harness.data.avatars import build, creased_clothes, make_avatar
 from harness.data.avatars.clothes.drape import DrapeCheck, Draped
 from harness.data.avatars.clothes.patterns import cut_top
 from harness.data.avatars.clothes.weaves import WEAVES
@@ -20,6 +20,7 @@ from harness.data.avatars.people.body import AvatarBody, carry
 from harness.data.avatars.people.poses import POSES, joint_rotations
 from harness.data.avatars.populations import LEAST_POSE_DISTANCE_DEG, sealed_ids
 from harness.data.avatars.recipe import recipe_for, subject_ids
+from harness.data.avatars.skin import bake
 from harness.data.manifest import load_manifest
 from metrics.folds import PIXEL_M, fold_strength, true_normals
 from tests.unit.data.test_avatars_populations import fabrics, least_distance, poses
@@ -124,9 +125,11 @@ def test_a_garment_that_collapsed_is_refused_and_named(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_creased_person_folds_as_real_clothes_do(tmp_path):
+def test_a_creased_person_folds_as_real_clothes_do(tmp_path, monkeypatch):
     """Jersey over poplin: between smooth jersey, 7 degrees, and crumpled cotton, 18."""
     name = "v00004"
+    for module in (build, bake):  # nobody looks at its texture
+        monkeypatch.setattr(module, "TEXTURE_SIZE", 1024)
     make_avatar(recipe_for(name), tmp_path / name)
     record = json.loads((tmp_path / name / "avatar.json").read_text())
     assert record["recipe"]["worn"]["top"] == "jersey"

@@ -14,30 +14,45 @@ import torch
 Shapes = Mapping[str, tuple[int, ...]]
 
 
+#: Numbers that are worked out at once: they stay in the processor's cache.
+AT_ONCE = 1 << 16
+
+
 def _wave(key: str, shape: tuple[int, ...], gain: float) -> np.ndarray:
     """Sines of a phase that the name gives; matrices of rank 2."""
-    place = np.arange(math.prod(shape), dtype=np.float64)
-    values = np.sin(0.7390851332 * place + zlib.crc32(key.encode()) % 10007).reshape(shape)
     scale = 3.0 / math.sqrt(math.prod(shape[1:])) if len(shape) > 1 else 0.1
-    return (gain * scale * values).astype(np.float32)
+    values = np.empty(math.prod(shape), np.float32)
+    for start in range(0, len(values), AT_ONCE):
+        part = values[start : start + AT_ONCE]
+        place = np.arange(start, start + len(part), dtype=np.float64)
+        part[:] = gain * scale * np.sin(0.7390851332 * place + zlib.crc32(key.encode()) % 10007)
+    return values.reshape(shape)
 
 
 def _hash(key: str, shape: tuple[int, ...], gain: float) -> np.ndarray:
     """A hash of the place and the name, evenly spread; matrices of full rank."""
-    place = np.arange(1, math.prod(shape) + 1, dtype=np.uint64)
-    mixed = ((place * 2654435761 + zlib.crc32(key.encode())) & 0xFFFFFFFF).astype(np.uint32)
+    values = np.empty(math.prod(shape), np.float32)
+    for start in range(0, len(values), AT_ONCE):
+        part = values[start : start + AT_ONCE]
+        spread = _spread(zlib.crc32(key.encode()), start, len(part))
+        if len(shape) > 1:
+            part[:] = gain * math.sqrt(3.0) * spread / math.sqrt(math.prod(shape[1:]))
+        elif key.endswith(("weight", "gamma", "running_var", "temperature")):
+            part[:] = 1.0 + 0.1 * spread
+        else:
+            part[:] = 0.1 * spread
+    return values.reshape(shape)
+
+
+def _spread(seed: int, start: int, count: int) -> np.ndarray:
+    """(count,) numbers between -1 and 1, of the places from ``start`` on."""
+    place = np.arange(start + 1, start + count + 1, dtype=np.uint64)
+    mixed = ((place * 2654435761 + seed) & 0xFFFFFFFF).astype(np.uint32)
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed ^= mixed >> shift
         mixed *= np.uint32(factor)
     mixed ^= mixed >> 16
-    spread = (mixed / 2.0**31 - 1.0).reshape(shape)
-    if len(shape) > 1:
-        values = gain * math.sqrt(3.0) * spread / math.sqrt(math.prod(shape[1:]))
-    elif key.endswith(("weight", "gamma", "running_var", "temperature")):
-        values = 1.0 + 0.1 * spread
-    else:
-        values = 0.1 * spread
-    return values.astype(np.float32)
+    return mixed / 2.0**31 - 1.0
 
 
 RULES = {"wave": _wave, "hash": _hash}
