@@ -26,6 +26,8 @@ from reports.tables.table import Table
 
 __all__ = [
     "FORMATS",
+    "PHOTOS_TABLE",
+    "PHOTO_ERRORS_TABLE",
     "PUBLISHED_TABLE",
     "TABLES",
     "ReportRequest",
@@ -33,6 +35,8 @@ __all__ = [
     "build_table",
     "in_order",
     "write_tables",
+    "writer_of",
+    "written",
 ]
 
 T = TypeVar("T")
@@ -40,6 +44,9 @@ T = TypeVar("T")
 
 #: The table of the authors' own results, which needs no run.
 PUBLISHED_TABLE = "published"
+#: Tables of figures that need no scan and are not in the records: these, and how they go with the
+#: errors that the scan gives.
+PHOTOS_TABLE, PHOTO_ERRORS_TABLE = "photos", "photo-errors"
 #: Tables of a run by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
@@ -88,8 +95,8 @@ def build_table(records: Sequence[Record], request: ReportRequest) -> str:
         HarnessError: an unknown table or format, or nothing to report.
         ProtocolMismatch: the records are not comparable.
     """
-    write, _ = _known("format", request.format, FORMATS)
-    return _written(_table(records, request), write)
+    write = writer_of(request.format)
+    return written(_table(records, request), write)
 
 
 def build_published(request: ReportRequest) -> str:
@@ -100,17 +107,32 @@ def build_published(request: ReportRequest) -> str:
     Raises:
         HarnessError: an unknown format, method or subject, or nothing to compare.
     """
-    write, _ = _known("format", request.format, FORMATS)
+    write = writer_of(request.format)
     if request.paired:
         table = published_differences(methods=request.methods, subjects=request.subjects)
     else:
         table = published_means(
             methods=request.methods, subjects=request.subjects, intervals=request.interval
         )
-    return _written(table, write)
+    return written(table, write)
 
 
-def _written(table: Table, write: Callable[[Table], str]) -> str:
+def writer_of(form: str) -> Callable[[Table], str]:
+    """What writes a table in a format.
+
+    Raises:
+        HarnessError: an unknown format.
+    """
+    write, _ = _known("format", form, FORMATS)
+    return write
+
+
+def written(table: Table, write: Callable[[Table], str]) -> str:
+    """A table as text.
+
+    Raises:
+        HarnessError: a table without rows.
+    """
     if not table.rows:
         raise HarnessError(
             f"no method has the numbers of the table '{table.name}'", got=table.remarks[-1]
@@ -137,7 +159,9 @@ def write_tables(
 
 def _table(records: Sequence[Record], request: ReportRequest) -> Table:
     if request.table not in TABLES:
-        hint = did_you_mean(request.table, [*TABLES, PUBLISHED_TABLE])
+        hint = did_you_mean(
+            request.table, [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, PUBLISHED_TABLE]
+        )
         raise HarnessError(f"unknown table '{request.table}'", hint=hint)
     if request.paired:
         raise HarnessError(
