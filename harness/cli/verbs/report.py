@@ -24,6 +24,11 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.figure_request import FigureRequest, draw_figure
 from harness.pipeline.report.figures import FIGURES
 from harness.pipeline.report.page import PageRequest, write_page
+from harness.pipeline.report.photo_tables import (
+    PHOTO_TABLES,
+    PhotoReport,
+    build_photo_table,
+)
 from harness.pipeline.report.tables import (
     FORMATS,
     PUBLISHED_TABLE,
@@ -43,8 +48,9 @@ TableName = Annotated[
     typer.Option(
         "--table",
         metavar="NAME",
-        help=f"Table to print: {', '.join(TABLES)}; or {PUBLISHED_TABLE}, the results that "
-        "the paper's authors released, which needs no run.",
+        help=f"Table to print: {', '.join(TABLES)}; {' or '.join(PHOTO_TABLES)}, quality without "
+        "a scan, measured now where it is not stored, and how it goes with the errors; or "
+        f"{PUBLISHED_TABLE}, the results that the paper's authors released, which needs no run.",
     ),
 ]
 Format = Annotated[
@@ -176,6 +182,10 @@ def report(
     )
     if table == PUBLISHED_TABLE:
         text = build_published(request)
+    elif table in PHOTO_TABLES:
+        store, checked = RunStore.existing(place, run), load_manifest(manifest)
+        with shown_progress() as progress:
+            text = build_photo_table(PhotoReport(request, store, checked, place, reason), progress)
     else:
         text = build_table(RunStore.existing(place, run).records(), request)
     deliver(text, output)

@@ -27,6 +27,9 @@ __all__ = ["Colouring", "coloured"]
 
 #: The power of a photo's worth in the blend: high takes the best, low the mean.
 _SHARPNESS = 6.0
+#: How far a photo's light may be from the others', as a logarithm, before it is doubted.
+_DOUBT = 0.25
+_ROUNDS = 4
 #: Colour of a mesh that no photo shows, linear.
 _GREY = 0.2
 
@@ -80,8 +83,29 @@ def _light(sights: Sequence[Sight], graph: SurfaceGraph) -> tuple[Floats, Floats
     ]
     smooth = corrections(sights, levelled, graph)
     lights = [light + change for light, change in zip(levelled, smooth, strict=True)]
+    believed = _believed(sights, lights, graph.count)
     best = np.zeros(graph.count, dtype=np.float32)
-    for sight in sights:
-        best[sight.places] = np.maximum(best[sight.places], sight.worth)
-    sharp = [(sight.worth / best[sight.places]) ** _SHARPNESS for sight in sights]
+    for sight, worth in zip(sights, believed, strict=True):
+        best[sight.places] = np.maximum(best[sight.places], worth)
+    sharp = [
+        (worth / best[sight.places]) ** _SHARPNESS
+        for sight, worth in zip(sights, believed, strict=True)
+    ]
     return blended(sights, lights, sharp, graph.count)
+
+
+def _believed(sights: Sequence[Sight], lights: Sequence[Singles], count: int) -> list[Singles]:
+    """(N,) the worth of each photo at each place, less where it is alone with its colour.
+
+    A photo in which something else lies before the place, because the surface is not exactly where
+    it should be, shows another colour than the others do.
+    """
+    believed = [sight.worth for sight in sights]
+    for _ in range(_ROUNDS):
+        middle, _ = blended(sights, lights, believed, count)
+        believed = []
+        for sight, light in zip(sights, lights, strict=True):
+            apart = np.abs(light - middle[sight.places]).max(axis=1)
+            trust = 1.0 / (1.0 + (apart / _DOUBT) ** 2) ** 2
+            believed.append((sight.worth * trust).astype(np.float32))
+    return believed

@@ -28,6 +28,8 @@ _TOLERANCE_M = 3e-3
 _JUMP_M, _JUMP_PIXELS = 0.01, 12.0
 #: Pixels this near to a rim mix two surfaces, and are not used.
 _MIXED_PX = 1.5
+#: Of what lies behind a rim, so much beside it is not used, because the rim may be wrong by it.
+_BEHIND_M = 0.01
 #: Further from a rim than this, its distance no longer counts; so wrong may a surface be there.
 _RIM_M, _RIM_PX = 0.012, 4.0
 
@@ -101,20 +103,44 @@ def _linear_at(photo: Photo, pixels: Floats) -> Floats:
 
 
 def _rim_distance_px(photo: Photo, depth: Floats) -> Floats:
-    """(H, W) distance in pixels to where the photo's or the surface's outline or a rim is."""
-    usable = photo.mask & np.isfinite(depth) & ~_is_rim(depth, photo.camera)
-    return inner_depth_px(usable) if usable.any() else np.full(depth.shape, -0.5)
+    """(H, W) distance in pixels to where the photo's or the surface's outline or a rim is.
+
+    Behind a rim it is counted from further away: where the surface is not exactly right, the photo
+    shows there what is before it.
+    """
+    front, behind = _rims(depth, photo.camera)
+    usable = photo.mask & np.isfinite(depth) & ~front & ~behind
+    if not usable.any():
+        return np.full(depth.shape, -0.5)
+    return np.minimum(inner_depth_px(usable), _clear_of_front_px(front, depth, photo.camera))
 
 
-def _is_rim(depth: Floats, camera: Camera) -> Mask:
-    """(H, W) where one surface ends before another: both pixels of each pair that is far apart."""
-    rim = np.zeros(depth.shape, dtype=bool)
+def _clear_of_front_px(front: Mask, depth: Floats, camera: Camera) -> Floats:
+    """(H, W) distance in pixels of what lies behind the nearest rim to where it is clear of it."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not front.any():
+        return np.full(depth.shape, np.inf)
+    far: Floats
+    far, (rows, columns) = distance_transform_edt(~front, return_indices=True)  # pyright: ignore
+    nearest_m = depth[rows, columns]
+    is_behind = depth - nearest_m > _JUMP_M
+    clear_px = far - _BEHIND_M * camera.K[0, 0] / nearest_m
+    return np.where(is_behind, clear_px, np.inf)
+
+
+def _rims(depth: Floats, camera: Camera) -> tuple[Mask, Mask]:
+    """(H, W) where a surface ends before another, and (H, W) where that other begins."""
+    front, behind = np.zeros(depth.shape, dtype=bool), np.zeros(depth.shape, dtype=bool)
     step_m = np.maximum(_JUMP_M, _JUMP_PIXELS * depth / camera.K[0, 0])
     for here, there in (
         ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),
         ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
     ):
-        apart = np.abs(depth[here] - depth[there]) > np.minimum(step_m[here], step_m[there])
-        rim[here] |= apart
-        rim[there] |= apart
-    return rim
+        deeper = depth[here] - depth[there]
+        apart = np.abs(deeper) > np.minimum(step_m[here], step_m[there])
+        front[there] |= apart & (deeper > 0)
+        behind[here] |= apart & (deeper > 0)
+        front[here] |= apart & (deeper < 0)
+        behind[there] |= apart & (deeper < 0)
+    return front, behind

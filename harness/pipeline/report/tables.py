@@ -27,6 +27,8 @@ from reports.tables.views import views_table
 
 __all__ = [
     "FORMATS",
+    "PHOTOS_TABLE",
+    "PHOTO_ERRORS_TABLE",
     "PUBLISHED_TABLE",
     "TABLES",
     "ReportRequest",
@@ -35,6 +37,8 @@ __all__ = [
     "every_table",
     "in_order",
     "write_tables",
+    "writer_of",
+    "written",
 ]
 
 T = TypeVar("T")
@@ -42,6 +46,9 @@ _LEAST_FOR_INTERVALS = 4
 
 #: The table of the authors' own results, which needs no run.
 PUBLISHED_TABLE = "published"
+#: Tables of figures that need no scan and are not in the records: these, and how they go with the
+#: errors that the scan gives.
+PHOTOS_TABLE, PHOTO_ERRORS_TABLE = "photos", "photo-errors"
 #: Tables of a run by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
@@ -91,8 +98,8 @@ def build_table(records: Sequence[Record], request: ReportRequest) -> str:
         HarnessError: an unknown table or format, or nothing to report.
         ProtocolMismatch: the records are not comparable.
     """
-    write, _ = _known("format", request.format, FORMATS)
-    return _written(_table(records, request), write)
+    write = writer_of(request.format)
+    return written(_table(records, request), write)
 
 
 def build_published(request: ReportRequest) -> str:
@@ -103,17 +110,32 @@ def build_published(request: ReportRequest) -> str:
     Raises:
         HarnessError: an unknown format, method or subject, or nothing to compare.
     """
-    write, _ = _known("format", request.format, FORMATS)
+    write = writer_of(request.format)
     if request.paired:
         table = published_differences(methods=request.methods, subjects=request.subjects)
     else:
         table = published_means(
             methods=request.methods, subjects=request.subjects, intervals=request.interval
         )
-    return _written(table, write)
+    return written(table, write)
 
 
-def _written(table: Table, write: Callable[[Table], str]) -> str:
+def writer_of(form: str) -> Callable[[Table], str]:
+    """What writes a table in a format.
+
+    Raises:
+        HarnessError: an unknown format.
+    """
+    write, _ = _known("format", form, FORMATS)
+    return write
+
+
+def written(table: Table, write: Callable[[Table], str]) -> str:
+    """A table as text.
+
+    Raises:
+        HarnessError: a table without rows.
+    """
     if not table.rows:
         raise HarnessError(
             f"no method has the numbers of the table '{table.name}'", got=table.remarks[-1]
@@ -154,7 +176,9 @@ def every_table(
 
 def _table(records: Sequence[Record], request: ReportRequest) -> Table:
     if request.table not in TABLES:
-        hint = did_you_mean(request.table, [*TABLES, PUBLISHED_TABLE])
+        hint = did_you_mean(
+            request.table, [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, PUBLISHED_TABLE]
+        )
         raise HarnessError(f"unknown table '{request.table}'", hint=hint)
     if request.paired:
         raise HarnessError(

@@ -1,0 +1,154 @@
+"""The photos table: what photos and the mesh itself tell of each method, without any scan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from harness.core.quality.photo_scores import PhotoScores
+from harness.core.records import Record
+from reports.tables.selection import Group, select
+from reports.tables.table import Column, Interval, Row, Table, subject_cell
+
+__all__ = ["FIGURES", "Figure", "photos_table"]
+
+_REMARKS = (
+    "Silhouette IoU over the views, and of the worst view; PSNR and SSIM of the mesh coloured from "
+    "all photos, and of photos that were left out in turn: higher is better",
+    "Self-intersecting faces: lower is better; watertight: share of the subjects",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure without a scan.
+
+    Attributes:
+        id: As in files.
+        title: For people, without unit.
+        unit: Symbol.
+        digits: Decimals shown.
+        read: Its value, or None where the photos do not tell.
+        higher_is_better: Which way it should go.
+        printed: Whether it is a column of the printed table.
+    """
+
+    id: str
+    title: str
+    unit: str
+    digits: int
+    read: Callable[[PhotoScores], float | None]
+    higher_is_better: bool = True
+    printed: bool = True
+
+    @property
+    def column(self) -> Column:
+        """Its column; none is ranked, because a lower number is not always better."""
+        return Column(self.id, self.title, self.title, self.unit, self.digits, ranked=False)
+
+
+FIGURES = (
+    Figure("mean_iou", "Mean IoU", "1", 4, lambda s: s.mean_iou),
+    Figure("worst_iou", "Worst view IoU", "1", 4, lambda s: s.worst_iou),
+    Figure("psnr", "PSNR", "dB", 2, lambda s: s.psnr_db),
+    Figure("ssim", "SSIM", "1", 4, lambda s: s.ssim),
+    Figure("held_out_psnr", "Held-out PSNR", "dB", 2, lambda s: s.held_out_psnr_db),
+    Figure(
+        "self_intersections",
+        "Self-intersecting faces",
+        "1",
+        1,
+        lambda s: float(s.soundness.self_intersecting_faces),
+        higher_is_better=False,
+    ),
+    Figure("watertight", "Watertight", "1", 2, lambda s: float(s.soundness.watertight)),
+    Figure("held_out_ssim", "Held-out SSIM", "1", 4, lambda s: s.held_out_ssim, printed=False),
+    Figure(
+        "normal_agreement",
+        "Normals beside the maps",
+        "deg",
+        2,
+        lambda s: s.normal_agreement_deg,
+        higher_is_better=False,
+        printed=False,
+    ),
+    Figure(
+        "open_edges",
+        "Open edges",
+        "1",
+        1,
+        lambda s: float(s.soundness.open_edges),
+        higher_is_better=False,
+        printed=False,
+    ),
+    Figure("seen", "Seen share", "1", 4, lambda s: s.seen_share, printed=False),
+)
+
+
+def photos_table(
+    records: Sequence[Record],
+    scores: Mapping[tuple[str, str], PhotoScores],
+    absent: Mapping[tuple[str, str], str],
+    *,
+    methods: Sequence[str] | None = None,
+    interval: Interval | None = None,
+) -> Table:
+    """The figures of some records, mean over subjects.
+
+    Args:
+        records: Of one run.
+        scores: Figures by method and subject.
+        absent: Why a record has none, likewise.
+        methods: Rows wanted, in this order.
+        interval: Of a mean.
+
+    Raises:
+        HarnessError: no records.
+        ProtocolMismatch: the records are not comparable.
+    """
+    selection = select(records, methods)
+    shown = [group for group in selection.groups if _scored(group, scores)]
+    return Table(
+        name="photos",
+        title="Quality without a scan",
+        dataset=selection.dataset,
+        recipe=selection.recipe,
+        protocol=None,
+        columns=tuple(figure.column for figure in FIGURES if figure.printed),
+        more=tuple(figure.column for figure in FIGURES if not figure.printed),
+        rows=tuple(_row(group, scores, len(selection.subjects), interval) for group in shown),
+        remarks=(*_REMARKS, *selection.remarks, *_absence_remarks(absent)),
+        origin="Measured in the photos that the method saw",
+    )
+
+
+def _scored(group: Group, scores: Mapping[tuple[str, str], PhotoScores]) -> dict[str, PhotoScores]:
+    """A method's figures by subject."""
+    return {
+        record.subject: scores[group.method, record.subject]
+        for record in group.ok
+        if (group.method, record.subject) in scores
+    }
+
+
+def _row(
+    group: Group,
+    scores: Mapping[tuple[str, str], PhotoScores],
+    of: int,
+    interval: Interval | None,
+) -> Row:
+    found = _scored(group, scores)
+    cells = {}
+    for figure in FIGURES:
+        read = {subject: figure.read(score) for subject, score in found.items()}
+        values = {subject: value for subject, value in read.items() if value is not None}
+        if values:
+            cells[figure.id] = subject_cell(values, interval)
+    return group.row(of, cells)
+
+
+def _absence_remarks(absent: Mapping[tuple[str, str], str]) -> list[str]:
+    reasons: dict[str, list[str]] = {}
+    for (method, subject), reason in absent.items():
+        reasons.setdefault(reason, []).append(f"{method} on {subject}")
+    return [f"Without figures, because {why}: {', '.join(who)}" for why, who in reasons.items()]
