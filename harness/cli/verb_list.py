@@ -20,6 +20,7 @@ VERBS = {
     "doctor": "Check what is installed, and show how to install the rest.",
     "render": "Render calibrated photos of subjects.",
     "capture": "Import photos with cameras, and export captures.",
+    "reconstruct": "Reconstruct a person from photos.",
     "eval": "Run methods on subjects and score what they make.",
     "score": "Score meshes that were made elsewhere.",
     "report": "Print a table of a run, draw a figure, or write a page.",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -18,18 +20,27 @@ from harness.data.captures.lens import Lens, undistortion_map
 from harness.data.captures.views import ForeignView
 from harness.geometry.images import MOST_PIXELS, resampled
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
 __all__ = [
     "PICTURE_SUFFIXES",
+    "PictureFacts",
     "TakenPhoto",
     "find_mask",
     "find_photo",
     "find_photos",
     "photo_folder",
+    "picture_facts",
     "read_photo",
 ]
 
+Result = TypeVar("Result")
+
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
+#: EXIF's facts of the camera, and among them the focal length as on film, which is 36 mm wide.
+_CAMERA_FACTS, _FOCAL_35MM, _FILM_MM = 0x8769, 41989, 36.0
 #: EXIF's tag of how the picture is turned, and its values as quarter turns against the clock.
 _ORIENTATION = 274
 _QUARTER_TURNS = {1: 0, 3: 2, 6: 3, 8: 1}
@@ -207,21 +218,62 @@ def _coverage(path: Path, size: tuple[int, int]) -> Bytes:
     return values if own == size else _bytes(resampled(values.astype(float), size, "bilinear"))
 
 
+@dataclass(frozen=True, slots=True)
+class PictureFacts:
+    """What a picture's file says of it without its pixels.
+
+    Attributes:
+        size: (width, height) as stored.
+        quarters: Quarter turns against the clock that show it upright.
+        field_deg: Field of view along the longer side, degrees; 0 where the file does not tell.
+    """
+
+    size: tuple[int, int]
+    quarters: int
+    field_deg: float
+
+
+def picture_facts(path: Path) -> PictureFacts:
+    """Size, orientation and field of view as a picture's file tells them.
+
+    Raises:
+        DataError: no such file, or no picture.
+    """
+
+    def facts(image: Image) -> PictureFacts:
+        exif = image.getexif()
+        focal_mm = float(exif.get_ifd(_CAMERA_FACTS).get(_FOCAL_35MM) or 0.0)
+        field = 2 * math.degrees(math.atan(_FILM_MM / 2 / focal_mm)) if focal_mm > 0 else 0.0
+        quarters = _QUARTER_TURNS.get(exif.get(_ORIENTATION, 1), 0)
+        return PictureFacts(image.size, quarters, field)
+
+    return _read(path, facts)
+
+
 def _opened(path: Path) -> tuple[Bytes, int]:
     """(H, W, 4) pixels as stored, and the quarter turns against the clock that show it upright."""
+
+    def content(image: Image) -> tuple[Bytes, int]:
+        if image.width * image.height > MOST_PIXELS:
+            raise DataError(
+                f"{path} has too many pixels",
+                expected=f"at most {MOST_PIXELS}",
+                got=f"{image.width} x {image.height}",
+                hint="Make the photos smaller",
+            )
+        quarters = _QUARTER_TURNS.get(image.getexif().get(_ORIENTATION, 1), 0)
+        return np.asarray(image.convert("RGBA")), quarters
+
+    return _read(path, content)
+
+
+def _read(path: Path, use: Callable[[Image], Result]) -> Result:
+    """What ``use`` makes of an opened picture."""
     from PIL import Image
 
     try:
         with Image.open(path, formats=_FORMATS) as image:
-            if image.width * image.height > MOST_PIXELS:
-                raise DataError(
-                    f"{path} has too many pixels",
-                    expected=f"at most {MOST_PIXELS}",
-                    got=f"{image.width} x {image.height}",
-                    hint="Make the photos smaller",
-                )
-            quarters = _QUARTER_TURNS.get(image.getexif().get(_ORIENTATION, 1), 0)
-            return np.asarray(image.convert("RGBA")), quarters
+            return use(image)
     except FileNotFoundError as error:
         raise DataError(f"no photo at {path}") from error
     # Pillow's decoders raise whatever a damaged file leads them to.

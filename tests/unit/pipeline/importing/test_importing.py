@@ -154,7 +154,7 @@ def test_the_unit_is_never_guessed_in_silence(native, tmp_path):
 def test_mirrored_photos_are_told(native, tmp_path):
     folder = exported(native, tmp_path / "out")
     for path in (folder / "images").iterdir():
-        Image.fromarray(np.asarray(Image.open(path))[:, ::-1].copy()).save(path)
+        Image.fromarray(load_rgba(path)[:, ::-1].copy()).save(path)
     with pytest.raises(DataError, match=r"contradict each other.*photos are mirrored.*--accept"):
         import_photos(request(folder, tmp_path / "in"), silent)
     made = import_photos(request(folder, tmp_path / "in", accept=True), silent)

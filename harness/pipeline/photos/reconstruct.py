@@ -1,0 +1,232 @@
+"""``harness reconstruct``: from imported photos, a capture's folder or one photo to files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from harness.core.artifacts import Capture
+from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.process.workers import run_worker
+from harness.data.captures.pictures import PICTURE_SUFFIXES
+from harness.data.manifest import Manifest
+from harness.pipeline.importing.request import Imported, ImportRequest
+from harness.pipeline.importing.start import import_capture
+from harness.pipeline.inputs.imported import (
+    CAPTURES,
+    IMPORTED,
+    imported_capture,
+    imported_subjects,
+    name_for,
+)
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.photos.one_photo import OnePhotoRequest
+from harness.pipeline.photos.results import WrittenResult, write_result
+from harness.pipeline.progress import Progress
+from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.run.evaluate import evaluate
+from harness.pipeline.run.plan import EvalRequest
+from harness.pipeline.run.store import RunStore
+
+__all__ = [
+    "RUN",
+    "Assumptions",
+    "MethodOutcome",
+    "ReconstructRequest",
+    "Reconstructed",
+    "reconstruct",
+]  # fmt: skip
+
+#: The run that reconstructions of photos are filed in.
+RUN = "photos"
+_PHOTO_WORKER = "harness.pipeline.photos.one_photo_worker"
+
+
+@dataclass(frozen=True, slots=True)
+class Assumptions:
+    """What is taken for granted of a photo without a camera.
+
+    Attributes:
+        field_deg: Field of view along the longer side, degrees; 0 takes it from the photo's file,
+            or the default.
+        height_m: How high the person is in the photo, metres.
+        mask: The photo's mask; None takes alpha, or makes one.
+    """
+
+    field_deg: float = 0.0
+    height_m: float = 1.7
+    mask: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReconstructRequest:
+    """What ``harness reconstruct`` was asked for.
+
+    Attributes:
+        what: Name of an imported capture, a folder with a ``capture.json``, or a photo.
+        methods: The methods with their settings.
+        output: Folder for results, one folder for each method.
+        manifest: Defines the dataset of imported captures.
+        workspace: Where captures and runs lie.
+        assumed: Of a photo without a camera.
+        name: Of the capture that a photo or folder becomes; empty takes its own name.
+        seed: Root of all randomness.
+        timeout_s: Longest time for a method; None is no limit.
+    """
+
+    what: str
+    methods: tuple[ChosenMethod, ...]
+    output: Path | None
+    manifest: Manifest
+    workspace: Workspace
+    assumed: Assumptions
+    name: str = ""
+    seed: int = 0
+    timeout_s: float | None = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class MethodOutcome:
+    """How one method ended.
+
+    Attributes:
+        method: Its row.
+        failure: Why there is no result; empty where there is one.
+        result: Its files; None where there is none.
+    """
+
+    method: str
+    failure: str = ""
+    result: WrittenResult | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reconstructed:
+    """What ``harness reconstruct`` did.
+
+    Attributes:
+        capture: Name of the capture.
+        notes: What was found or assumed at an import that was part of it.
+        warnings: Doubts about the photos.
+        outcomes: One for each method.
+    """
+
+    capture: str
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    outcomes: tuple[MethodOutcome, ...]
+
+    @property
+    def all_ok(self) -> bool:
+        """Whether every method has a result."""
+        return all(outcome.result for outcome in self.outcomes)
+
+
+def reconstruct(request: ReconstructRequest, progress: Progress) -> Reconstructed:
+    """Run methods on photos and write what they make.
+
+    Results that are there and current are kept, as in ``harness eval``.
+
+    Raises:
+        HarnessError: no such capture, or a photo that cannot be used; what goes wrong with one
+            method is its outcome instead.
+    """
+    _require_dataset(request.manifest)
+    name, imported = _capture_of(request, progress)
+    capture = imported_capture(request.workspace, name)
+    store = RunStore(request.workspace.run(RUN))
+    source = Source.select(request.manifest, request.workspace, CAPTURES, (name,), IMPORTED)
+    protocol = next(iter(request.manifest.protocols.values()))  # nothing is measured with it
+    summary = evaluate(
+        EvalRequest(
+            source=source,
+            methods=request.methods,
+            protocol=protocol,
+            store=store,
+            seed=request.seed,
+            timeout_s=request.timeout_s,
+        ),
+        progress,
+    )
+    outcomes: list[MethodOutcome] = []
+    folder = request.output or Path(name)
+    for record in summary.records:
+        if record.status != "ok":
+            outcomes.append(MethodOutcome(record.method_name, record.reason))
+            continue
+        target = folder.resolve() / record.method_name
+        outcomes.append(
+            MethodOutcome(record.method_name, result=write_result(store, record, capture, target))
+        )
+    notes = imported.notes if imported else ()
+    return Reconstructed(name, notes, capture.warnings, tuple(outcomes))
+
+
+def _require_dataset(manifest: Manifest) -> None:
+    if CAPTURES not in manifest.datasets or manifest.datasets[CAPTURES].kind != "captures":
+        raise HarnessError(
+            f"{manifest.path} has no dataset '{CAPTURES}'",
+            expected="an entry of kind 'captures'",
+            hint="Copy it from the manifest that is installed, or leave --manifest out",
+        )
+
+
+def _capture_of(request: ReconstructRequest, progress: Progress) -> tuple[str, Imported | None]:
+    """The name of the capture, which is made of a photo or a folder if need be."""
+    path = Path(request.what)
+    if path.is_file():
+        return _photo(request, path)
+    if (path / "capture.json").is_file():
+        return _folder(request, path, progress)
+    known = imported_subjects(request.workspace)
+    if request.what in known:
+        return request.what, None
+    if path.is_dir():
+        raise HarnessError(
+            f"{path} holds no capture.json",
+            hint=f"Import its photos first: harness capture import {path} --cameras FILE "
+            "--height METRES",
+        )
+    raise HarnessError(
+        f"'{request.what}' is no imported capture, no folder and no photo",
+        hint=did_you_mean(request.what, known),
+    )
+
+
+def _photo(request: ReconstructRequest, path: Path) -> tuple[str, Imported]:
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise DataError(f"{path} is no photo", expected=", ".join(PICTURE_SUFFIXES))
+    name, assumed = request.name or name_for(path), request.assumed
+    job = OnePhotoRequest(
+        photo=str(path.resolve()),
+        mask="" if assumed.mask is None else str(assumed.mask.resolve()),
+        directory=str(request.workspace.capture(CAPTURES, name, IMPORTED)),
+        dataset=CAPTURES,
+        subject=name,
+        recipe=IMPORTED,
+        field_deg=assumed.field_deg,
+        height_m=assumed.height_m,
+    )
+    answer = run_worker(_PHOTO_WORKER, job.to_dict(), timeout_s=request.timeout_s)
+    return name, Imported.from_dict(answer)
+
+
+def _folder(
+    request: ReconstructRequest, path: Path, progress: Progress
+) -> tuple[str, Imported | None]:
+    """A capture of ours becomes an imported one; one that is imported already stays."""
+    found = Capture.load(path)
+    if path.resolve() == request.workspace.capture(CAPTURES, found.subject, IMPORTED):
+        return found.subject, None
+    name = request.name or f"{found.dataset}-{found.subject}-{found.recipe}"
+    job = ImportRequest(
+        photos=str(path.resolve()),
+        cameras=str((path / "capture.json").resolve()),
+        directory=str(request.workspace.capture(CAPTURES, name, IMPORTED)),
+        dataset=CAPTURES,
+        subject=name,
+        recipe=IMPORTED,
+    )
+    made = import_capture(replace(job, longest_px=1920), progress, request.timeout_s)
+    return name, made

@@ -1,0 +1,150 @@
+"""From photos to files: one photo with what is assumed of it, and a capture without a scan."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.artifacts import Capture
+from harness.core.errors import DataError, HarnessError
+from harness.core.formats.mesh_files import load_mesh
+from harness.data.manifest import load_manifest
+from harness.geometry.images import load_rgb
+from harness.geometry.photo import open_photo
+from harness.geometry.window import Window
+from harness.pipeline.inputs.imported import imported_capture, imported_subjects, name_for
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.photos.one_photo import OnePhotoRequest, import_one_photo
+from harness.pipeline.photos.reconstruct import (
+    RUN,
+    Assumptions,
+    ReconstructRequest,
+    reconstruct,
+)
+from harness.pipeline.progress import Silent
+from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.run.store import RunStore
+from tests.unit.pipeline.importing.conftest import photographed
+
+
+def photo_of_a_box(path: Path, exif=None) -> Path:
+    """200 x 300 pixels; the person is 240 rows high and stands aside."""
+    rgba = np.zeros((300, 200, 4), np.uint8)
+    rgba[40:280, 30:90] = (90, 120, 150, 255)
+    Image.fromarray(rgba).save(path, **({"exif": exif} if exif else {}))
+    return path
+
+
+def one(path, folder, **more) -> OnePhotoRequest:
+    return OnePhotoRequest(str(path), str(folder), "captures", "p", "imported", **more)
+
+
+@pytest.mark.slow
+def test_one_photo_stands_where_the_assumptions_put_it(tmp_path):
+    path = photo_of_a_box(tmp_path / "p.png")
+    made = import_one_photo(one(path, tmp_path / "in", height_m=1.6))
+    capture = Capture.load(made.path)
+    camera = capture.cameras[0]
+    assert camera.K[0, 0] == pytest.approx(150 / math.tan(math.radians(25)))
+    assert camera.position[2] == pytest.approx(camera.K[1, 1] * 1.6 / 240)
+    np.testing.assert_allclose(camera.forward, [0, 0, -1], atol=1e-12)
+    # The middle of the box is the origin, and its ends are 1.6 m apart there.
+    ends, _ = camera.project([[0, 0.8, 0], [0, -0.8, 0]])
+    np.testing.assert_allclose(ends, [[60, 40], [60, 280]], atol=1e-9)
+    box = Window.around(open_photo(capture, 0).mask)
+    assert (box.left, box.top, box.width, box.height) == (30, 40, 60, 240)
+    assert "50.0 degrees along the longer side, which is assumed: --fov" in made.notes[0]
+    assert "1.6 m high" in made.notes[1]
+    assert "no landmarks" in made.warnings[0]  # a box has none
+    with pytest.raises(HarnessError, match="--fov 200"):
+        import_one_photo(one(path, tmp_path / "in", field_deg=200.0))
+
+
+@pytest.mark.slow
+def test_a_photo_tells_its_own_field_of_view_and_which_way_it_is_turned(tmp_path):
+    exif = Image.new("RGB", (2, 2)).getexif()
+    exif.get_ifd(0x8769)[41989] = 36
+    exif[274] = 6
+    path = photo_of_a_box(tmp_path / "p.png", exif)
+    made = import_one_photo(one(path, tmp_path / "in"))
+    assert "53.1 degrees along the longer side, as the photo's file tells" in made.notes[0]
+    capture = Capture.load(made.path)
+    assert capture.cameras[0].size == (300, 200)
+    box = Window.around(open_photo(capture, 0).mask)
+    assert (box.width, box.height) == (240, 60)
+
+
+@pytest.fixture
+def workspace(tmp_path) -> Workspace:
+    return Workspace(tmp_path / "workspace")
+
+
+def asked(what, workspace, output, *names) -> ReconstructRequest:
+    methods = tuple(
+        ChosenMethod.of(name, {"hull.voxel_m": "0.03"} if name == "hull8" else {}) for name in names
+    )
+    return ReconstructRequest(
+        str(what), methods, output, load_manifest(), workspace, Assumptions(), name="toy"
+    )
+
+
+@pytest.mark.slow
+def test_a_capture_without_a_scan_is_reconstructed_and_written(tmp_path, workspace):
+    native = photographed(tmp_path / "native")
+    done = reconstruct(
+        asked(native.directory, workspace, tmp_path / "out", "hull8", "gt"), Silent()
+    )
+    assert imported_subjects(workspace) == ("toy",)
+    hull, truth = done.outcomes
+    assert "which have no scan" in truth.failure
+    assert not done.all_ok
+    assert hull.result is not None
+    assert min(hull.result.silhouette_iou) > 0.9
+    folder = tmp_path / "out" / "hull8"
+    meshes = [load_mesh(folder / f"mesh.{suffix}") for suffix in ("ply", "glb")]
+    np.testing.assert_allclose(meshes[0].vertices, meshes[1].vertices, atol=1e-6)
+    lines = (folder / "mesh.obj").read_text().splitlines()
+    vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    np.testing.assert_allclose(vertices[:, :3], meshes[0].vertices, atol=1e-5)
+    # All that is photographed has one colour, (180, 120, 90).
+    np.testing.assert_allclose(np.median(255 * vertices[:, 3:], axis=0), (180, 120, 90), atol=3)
+    figures = json.loads((folder / "figures.json").read_text())
+    assert figures["masks"] == ["the photo's alpha"]
+    assert figures["silhouette_iou"]["worst"] == min(hull.result.silhouette_iou)
+    assert load_rgb(folder / "sheet.png").shape[1] > 500
+    (record,) = [r for r in RunStore(workspace.run(RUN)).records() if r.status == "ok"]
+    assert (record.dataset, record.recipe, record.metrics) == ("captures", "imported", {})
+    assert record.inputs["truth"] == {}
+
+
+def test_what_cannot_be_reconstructed_says_what_to_do(tmp_path, workspace):
+    with pytest.raises(HarnessError, match="no imported capture, no folder and no photo"):
+        reconstruct(asked("nobody", workspace, None, "hull8"), Silent())
+    with pytest.raises(HarnessError, match="harness capture import"):
+        reconstruct(asked(tmp_path, workspace, None, "hull8"), Silent())
+    (tmp_path / "a.txt").write_text("")
+    with pytest.raises(DataError, match="is no photo"):
+        reconstruct(asked(tmp_path / "a.txt", workspace, None, "hull8"), Silent())
+
+
+def test_a_damaged_capture_is_told(tmp_path, workspace):
+    native = photographed(tmp_path / "x")
+    target = workspace.capture("captures", "t", "imported")
+    target.parent.mkdir(parents=True)
+    native.directory.rename(target)
+    assert len(imported_capture(workspace, "t").cameras) == 8
+    (target / "rgb" / "03.png").write_bytes(b"other")
+    with pytest.raises(DataError, match=r"03.png is damaged: import it again"):
+        imported_capture(workspace, "t")
+
+
+@pytest.mark.parametrize(
+    ("path", "name"), [("/a/My photo (1).jpg", "My-photo-1"), ("/a/ü.png", "photos")]
+)
+def test_names_are_made_of_file_names(path, name):
+    assert name_for(Path(path)) == name
