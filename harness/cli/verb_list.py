@@ -16,13 +16,13 @@ __all__ = ["VERBS", "Verbs", "verb_command", "verb_group"]
 
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
-    "quickstart": "Make two avatars, run every method, and print the tables.",
+    "quickstart": "Make two avatars, run every method, print the tables and write a page.",
     "doctor": "Check what is installed, and what to do about the rest.",
     "render": "Render calibrated photos of subjects.",
     "capture": "Import photos with cameras, and export captures.",
     "eval": "Run methods on subjects and score what they make.",
     "score": "Score meshes that were made elsewhere.",
-    "report": "Print a table of a run, or draw a figure of it.",
+    "report": "Print a table of a run, draw a figure of it, or write a page of all of it.",
     "check": "Compare the numbers of a run with a stored baseline.",
     "data": "List, check, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
