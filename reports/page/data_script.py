@@ -117,20 +117,20 @@ def _camera(camera: Camera) -> Mapping[str, object]:
 
 
 def _table(table: Table) -> dict[str, object]:
-    """What each number of a table is the mean of."""
+    """What each number of a table is the mean of; rows in order, for a method may have several."""
     return {
         "columns": {
             column.id: {"title": column.title, "unit": column.unit, "digits": column.digits}
             for column in table.columns
         },
-        "rows": {
-            row.method: {
+        "rows": [
+            {
                 column.id: dict(row.cells[column.id].by_subject)
                 for column in table.columns
                 if column.id in row.cells and row.cells[column.id].by_subject
             }
             for row in table.rows
-        },
+        ],
     }
 
 

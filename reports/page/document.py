@@ -69,7 +69,7 @@ def page_html(model: PageModel) -> str:
 </section>
 <section id="failures" aria-labelledby="failures-title">
 <h2 id="failures-title">Failures</h2>
-{failures_html(model.records)}
+{failures_html(model.records, [subject.id for subject in model.subjects])}
 </section>
 <section id="about" aria-labelledby="about-title">
 <h2 id="about-title">About</h2>

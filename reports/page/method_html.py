@@ -88,18 +88,32 @@ def _deviations(deviations: Sequence[Deviation]) -> str:
     return f"<h4>Deviations from the publication: {len(deviations)}</h4><ul>{items}</ul>"
 
 
-def failures_html(records: Sequence[Record]) -> str:
-    """Every record without numbers with its reason, and every warning of a record."""
+def failures_html(records: Sequence[Record], subjects: Sequence[str]) -> str:
+    """Every record without numbers with its reason, what was never run, and every warning."""
     failed = [record for record in records if record.status != "ok"]
     doubts = [(record, text) for record in records for text in record.warnings]
     if failed:
         lines = [_line(record, record.status, record.reason) for record in failed]
         text = _list("Failed or missing", lines)
     else:
-        text = f"<p>None: all {len(records)} reconstructions have numbers.</p>"
+        text = f"<p>None: all {len(records)} reconstructions that were run have numbers.</p>"
+    text += _not_run(records, subjects)
     if doubts:
         text += _list("Doubts", [_line(record, "warning", doubt) for record, doubt in doubts])
     return text
+
+
+def _not_run(records: Sequence[Record], subjects: Sequence[str]) -> str:
+    """Which methods lack a record of some subjects."""
+    titles = {record.method_name: record.method.title for record in records}
+    done = {(record.method_name, record.subject) for record in records}
+    lines: list[str] = []
+    for name, title in titles.items():
+        absent = [subject for subject in subjects if (name, subject) not in done]
+        if absent:
+            count = f"{len(absent)} of {len(subjects)} subjects"
+            lines.append(f"<li>{escape(title)}: {count} ({escape(', '.join(absent))})</li>")
+    return f"<h3>Not run</h3><ul>{''.join(lines)}</ul>" if lines else ""
 
 
 def _list(title: str, lines: Sequence[str]) -> str:

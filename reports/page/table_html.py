@@ -19,7 +19,7 @@ def table_html(table: Table) -> str:
     """One table with its caption and footnotes."""
     count = "" if table.complete else '<th scope="col" class="count">n/N</th>'
     head = "".join(_heading(column) for column in table.columns)
-    bodies = "\n".join(_body(table, row) for row in table.rows)
+    bodies = "\n".join(_body(table, place) for place in range(len(table.rows)))
     return f"""\
 <section class="panel" id="table-{escape(table.name)}" aria-labelledby="title-{escape(table.name)}">
 <h3 id="title-{escape(table.name)}">{escape(table.title)}</h3>
@@ -39,8 +39,9 @@ def _heading(column: Column) -> str:
     return f'<th scope="col" class="number" data-column="{escape(column.id)}">{title}</th>'
 
 
-def _body(table: Table, row: Row) -> str:
+def _body(table: Table, place: int) -> str:
     """A method's rows as one group, so that its stages move with it when the table is sorted."""
+    row = table.rows[place]
     cells = "".join(_cell(table, row, column) for column in table.columns)
     given = "" if row.competes else ' <span class="tag">not ranked</span>'
     name = (
@@ -53,7 +54,7 @@ def _body(table: Table, row: Row) -> str:
         numbers = "".join(_plain(column, stage.cells.get(column.id)) for column in table.columns)
         name = f'<th scope="row" class="name">{escape(stage.name)}</th>'
         lines.append(f'<tr class="stage">{name}{_count(table, "")}{numbers}</tr>')
-    return f'<tbody{kind} data-method="{escape(row.method)}">{"".join(lines)}</tbody>'
+    return f'<tbody{kind} data-row="{place}">{"".join(lines)}</tbody>'
 
 
 def _count(table: Table, text: str) -> str:

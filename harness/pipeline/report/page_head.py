@@ -72,7 +72,8 @@ def opening_methods(
 ) -> tuple[str, ...]:
     """The best methods of the geometry table that were given no part of the answer.
 
-    In the order of their first column; where none has numbers, the first ones that are shown.
+    By the first column, on the subjects that all of its ranked rows have, if there are such
+    subjects; where no method has numbers, the first ones that are shown.
     """
     fair = {
         method.info.name for method in methods if _ANSWERS.isdisjoint(method.info.privileges)
@@ -81,12 +82,11 @@ def opening_methods(
     ranked: list[tuple[float, str]] = []
     if geometry is not None:
         column = geometry.columns[0]
-        ranked = sorted(
-            (row.cells[column.id].value, row.method)
-            for row in geometry.rows
-            if row.method in fair and column.id in row.cells
-        )
-    best = [method for _, method in ranked]
+        for row in geometry.rows:
+            if row.method in fair and column.id in row.cells:
+                mean = geometry.common_mean(row, column)
+                ranked.append((row.cells[column.id].value if mean is None else mean, row.method))
+    best = [method for _, method in sorted(ranked)]
     rest = [method.info.name for method in methods if method.info.name in shown]
     return tuple(dict.fromkeys((*best, *rest)))[:_OPENING]
 

@@ -29,7 +29,7 @@ __all__ = ["SubjectWriter"]
 #: Distances are kept to 0.05 mm, angles to a degree: finer than any colour.
 _DISTANCE_STEP_MM, _ANGLE_STEP_DEG = 0.05, 1.0
 _LIMITS_MM = (5.0, 10.0, 20.0, 50.0, 100.0)
-_LIMIT_PERCENTILE = 98.0
+_LIMIT_PERCENTILE = 95.0
 _LIMIT_DEG, _GREATEST_DEG = 60.0, 180.0
 #: Numbers of a record that stand beside its surface.
 _VALUES = ("chamfer", "normal_error")

@@ -10,7 +10,7 @@
   const heads = find(".panels"), strip = find(".photos"), divider = find(".divider");
   const PHOTO = "/photos";
   const started = performance.now();
-  const timings = { surfaces: {}, first_view_ms: null };
+  const timings = { surfaces: {}, scripts_ms: started, graphics_ms: null, photos_ms: null, first_view_ms: null };
 
   let viewer;
   try {
@@ -20,6 +20,7 @@
     tell("This browser shows no 3-D graphics (WebGL 2). Photos and tables are complete without them.");
     return;
   }
+  timings.graphics_ms = performance.now();
   const { state } = viewer;
   const limits = Object.fromEntries(data.scalars.map((scalar) => [scalar.id, scalar.limit]));
   const scalarOf = (id) => data.scalars.find((scalar) => scalar.id === id);
@@ -66,11 +67,13 @@
     const subject = subjectOf(id);
     const pictures = await picturesOf(subject).catch((error) => { tell(error.message); return []; });
     if (mine !== turnOfSubject) return;
+    timings.photos_ms ??= performance.now();
     const view = state.view, first = state.subject === null;
     viewer.setSubject(id, pictures.length ? subject.views : [], pictures);
     find(`input[name=subject][value="${CSS.escape(id)}"]`).checked = true;
     makeStrip(subject, pictures);
     if (first || view !== null) viewer.lookThrough(view ?? 0);
+    markPhoto();
     state.panels = state.panels.map((name) => (isThere(name) ? name : data.truth));
     await setPanels(state.panels);
   }
@@ -291,13 +294,6 @@
     canvas.addEventListener("pointerleave", () => { probe.hidden = true; });
     dragDivider();
     new ResizeObserver(layOut).observe(stage);
-    window.addEventListener("beforeprint", () => {
-      const image = new Image();
-      image.src = viewer.picture();
-      image.className = "printed";
-      stage.append(image);
-    });
-    window.addEventListener("afterprint", () => find(".printed")?.remove());
   }
 
   function set(values) {
@@ -383,6 +379,5 @@
 
   HarnessPage.viewer = viewer;
   HarnessPage.timings = timings;
-  HarnessPage.started = started;
   HarnessPage.ready = start();
 })();

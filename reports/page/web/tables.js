@@ -73,6 +73,23 @@
     head.setAttribute("aria-sort", upward ? "ascending" : "descending");
   }
 
+  // ---- stages: many rows, shown where they are asked for
+
+  function makeFoldable(table) {
+    if (!table.querySelector("tr.stage")) return;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "fold";
+    const fold = (isOpen) => {
+      table.classList.toggle("folded", !isOpen);
+      button.setAttribute("aria-expanded", String(isOpen));
+      button.textContent = isOpen ? "Hide stages" : "Show stages";
+    };
+    button.addEventListener("click", () => fold(table.classList.contains("folded")));
+    fold(false);
+    table.closest(".scroll").before(button);
+  }
+
   // ---- the card
 
   let pinned = null, leaving = 0;
@@ -115,7 +132,7 @@
     const title = document.createElement("h3");
     const summary = document.getElementById(`method-${method}`).querySelector("summary");
     title.textContent = `${summary.firstChild.textContent.trim()}, ${columns[column].title}`;
-    const values = rows[method]?.[column] ?? {};
+    const values = rows[cell.closest("tbody").dataset.row][column] ?? {};
     const list = document.createElement("table");
     list.className = "behind";
     for (const [subject, record] of Object.entries(data.records[method] ?? {})) {
@@ -172,20 +189,22 @@
     button.addEventListener("click", () => { root.dataset.theme = isDark() ? "light" : "dark"; });
   }
 
-  // Linked cards open, and all of them on paper.
+  // A card that an address names is open.
   function openLinked() {
     const name = decodeURIComponent(location.hash.slice(1));
     if (name.startsWith("method-")) document.getElementById(name)?.setAttribute("open", "");
   }
 
   makeTabs();
-  for (const table of results.querySelectorAll("table[data-table]")) makeSortable(table);
+  for (const table of results.querySelectorAll("table[data-table]")) {
+    makeSortable(table);
+    makeFoldable(table);
+  }
   const first = results.querySelector('table[data-table="geometry"] th.number');
   if (first) sort(first.closest("table"), first, true);
   listen();
   makeTheme();
   openLinked();
   addEventListener("hashchange", openLinked);
-  addEventListener("beforeprint", () => document.querySelectorAll("details.card").forEach((one) => { one.open = true; }));
   HarnessPage.tablesReady = true;
 })();

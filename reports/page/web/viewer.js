@@ -4,7 +4,9 @@
 HarnessPage.createViewer = (canvas, onTurned) => {
   const { shaders, views } = HarnessPage;
   const MOST_KEPT = 14;
-  const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
+  // Without a graphics card smooth edges cost more than everything else.
+  const isSoftware = /swiftshader|llvmpipe|software/i.test(graphicsName());
+  const renderer = new THREE.WebGLRenderer({ canvas, antialias: !isSoftware, alpha: true, preserveDrawingBuffer: true });
   renderer.autoClear = false;
   renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
   renderer.outputColorSpace = "srgb-linear"; // shaders give display colours already
@@ -51,6 +53,15 @@ HarnessPage.createViewer = (canvas, onTurned) => {
 
   controls.addEventListener("start", () => { canvas.focus({ preventScroll: true }); leavePhoto(); });
   controls.addEventListener("change", () => { leavePhoto(); request(); });
+
+  function graphicsName() {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    if (!gl) throw new Error("no WebGL 2");
+    const names = gl.getExtension("WEBGL_debug_renderer_info");
+    const name = String(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+    gl.getExtension("WEBGL_lose_context")?.loseContext();
+    return name;
+  }
 
   function leavePhoto() {
     if (state.view === null) return;
@@ -323,6 +334,5 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   return {
     state, keep, has: (name) => surfaces.has(keyOf(name)), setSubject, lookThrough, turn, shownView,
     panels, columnsFor, draw, request, valueAt, pixelAt, triangles, keyOf, forgetDepths,
-    picture: () => { draw(); return canvas.toDataURL("image/png"); },
   };
 };

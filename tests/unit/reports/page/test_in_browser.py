@@ -131,6 +131,7 @@ def test_a_photo_lies_on_the_surface_that_its_camera_sees(tab: Page, folder: Pat
 
 def test_the_photo_over_the_surface_can_be_faded_in(tab: Page, folder: Path) -> None:
     opened(tab, folder, f"show=hull8&{FLAT}")
+    assert not tab.run("document.getElementById('overlay').disabled")
     move(tab, "overlay", 100)
     assert near(middle_of(tab, 0), PHOTO[:3], 8)
 

@@ -3,12 +3,17 @@
 import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
+from statistics import fmean
 from urllib.parse import unquote
 
 import pytest
 
 from harness.core.errors import HarnessError
+from reports.page import folder as folder_module
 from reports.page.folder import MARK_FILE, page_folder
+from reports.page.method_html import failures_html
+from reports.tables.geometry import geometry_table
 from tests.unit.reports.page.pages import CELLS, RECORDS, compact, write_page
 
 
@@ -94,12 +99,42 @@ def test_nothing_is_asked_of_a_network(page):
     ] == []
 
 
+def test_a_number_names_the_subjects_that_it_is_the_mean_of(page):
+    table = geometry_table(RECORDS)
+    rows = data_of(page)["tables"]["geometry"]["rows"]
+
+    assert len(rows) == len(table.rows)
+    for row, values in zip(table.rows, rows, strict=True):
+        for column, cell in row.cells.items():
+            assert values[column] == dict(cell.by_subject)
+            assert fmean(values[column].values()) == cell.value
+
+
 def test_failures_are_named_with_their_reasons(page):
     text = " ".join(document(page).text)
 
     for record in RECORDS:
         if record.status != "ok":
             assert record.reason in text
+
+
+def test_subjects_without_a_record_are_named():
+    records = [r for r in RECORDS if (r.method_name, r.subject) != ("hull8", "a02")]
+    text = " ".join(Reader(failures_html(records, ["a01", "a02", "a03"])).text)
+
+    assert "Visual hull, 8 views: 1 of 3 subjects (a02)" in text
+    assert "Not run" not in failures_html(RECORDS, ["a01", "a02", "a03"])
+
+
+def test_the_bundle_is_of_the_release_that_its_source_names():
+    web = Path(folder_module.__file__).parent / "web"
+    release = json.loads((web / "three" / "package.json").read_text())["devDependencies"]["three"]
+    lock = json.loads((web / "three" / "package-lock.json").read_text())
+    head = (web / "three.js").read_text()[:200]
+
+    assert head.startswith(f"/* three.js {release}, MIT licence, see three.LICENSE.txt */")
+    assert lock["packages"]["node_modules/three"]["version"] == release
+    assert "The MIT License" in (web / "three.LICENSE.txt").read_text()
 
 
 def test_texts_are_texts_and_no_markup(page):
