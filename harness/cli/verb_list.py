@@ -16,7 +16,7 @@ __all__ = ["VERBS", "Verbs", "verb_command", "verb_group"]
 
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
-    "quickstart": "Make two avatars, run every method, print the tables and write a page.",
+    "quickstart": "Make two avatars, run every method, and show the results.",
     "doctor": "Check what is installed, and show how to install the rest.",
     "render": "Render calibrated photos of subjects.",
     "capture": "Import photos with cameras, and export captures.",

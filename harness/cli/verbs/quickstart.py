@@ -24,7 +24,7 @@ def quickstart(
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
-    """Make two avatars, run every method, print the tables and write a page.
+    """Make two avatars, run every method, and show the results.
 
     Each avatar is photographed from eight sides, and a page shows all results. It takes some
     minutes; the same command continues after a stop.

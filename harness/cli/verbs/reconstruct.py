@@ -99,7 +99,7 @@ def reconstruct_photos(
     manifest: ManifestPath = None,
     as_json: Json = False,
 ) -> None:
-    """Reconstruct a person from imported photos, or from one photo.
+    """Reconstruct a person from photos.
 
     Each method's folder gets the mesh with colours (PLY, GLB, OBJ), the fitted body, a sheet of
     pictures and the figures. Of one photo, camera and size are assumed, and it is said what. The

@@ -180,12 +180,18 @@ def report(
         published=published,
         paired=paired,
     )
-    if table == PUBLISHED_TABLE:
-        text = build_published(request)
-    elif table in PHOTO_TABLES:
-        store, checked = RunStore.existing(place, run), load_manifest(manifest)
-        with shown_progress() as progress:
-            text = build_photo_table(PhotoReport(request, store, checked, place, reason), progress)
-    else:
-        text = build_table(RunStore.existing(place, run).records(), request)
-    deliver(text, output)
+    deliver(_text(request, place, run, manifest, reason), output)
+
+
+def _text(
+    request: ReportRequest, place: Workspace, run: str | None, manifest: Path | None, reason: str
+) -> str:
+    """The table that was asked for."""
+    if request.table == PUBLISHED_TABLE:
+        return build_published(request)
+    store = RunStore.existing(place, run)
+    if request.table not in PHOTO_TABLES:
+        return build_table(store.records(), request)
+    wanted = PhotoReport(request, store, load_manifest(manifest), place, reason)
+    with shown_progress() as progress:
+        return build_photo_table(wanted, progress)
