@@ -37,26 +37,22 @@ def golden(reference) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def network(fill) -> Callable[[str], nn.Module]:
-    """``network(name, precision)``: where rounding must not matter, in double precision."""
+    """``network(name)``: filled in double precision, in which rounding does not matter."""
     last: dict[str, nn.Module] = {}
 
-    def make(name: str, precision: torch.dtype = torch.double) -> nn.Module:
+    def make(name: str) -> nn.Module:
         if name not in last:
             last.clear()
             numbers = fill(shapes(name), "wave")
-            last[name] = filled(bare(NormalGenerator), numbers, f"netG.{name}.")
-        # The numbers are of single precision: they are the same in both.
-        return last[name].to(precision)
+            last[name] = filled(bare(NormalGenerator), numbers, f"netG.{name}.").double()
+        return last[name]
 
     return make
 
 
 def off(network: nn.Module, image: np.ndarray, body: np.ndarray, wanted: np.ndarray) -> float:
-    precision = next(network.parameters()).dtype
     with torch.no_grad():
-        found = network(
-            *(torch.from_numpy(each[None].copy()).to(precision) for each in (image, body))
-        )
+        found = network(*(torch.from_numpy(each[None].copy()).double() for each in (image, body)))
     return float(np.abs(found[0].numpy() - wanted).max())
 
 
@@ -79,7 +75,7 @@ def test_golden_vectors(network, golden, name):
 )
 def test_each_mistake_is_seen(network, golden, monkeypatch, mistake):
     image, body = golden["image"], golden["T_normal_F"]
-    made = network("netF", torch.float)  # a mistake is fifty times the rounding
+    made = network("netF")
     convolutions = [layer for layer in made.modules() if isinstance(layer, nn.Conv2d)]
     if mistake == "body first":
         image, body = body, image
