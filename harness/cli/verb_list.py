@@ -23,6 +23,7 @@ VERBS = {
     "eval": "Run methods on subjects and score what they make.",
     "score": "Score meshes that were made elsewhere.",
     "report": "Print a table of a run, draw a figure of it, or write a page of all of it.",
+    "results": "Hand results in, score them again, and put them on a board.",
     "check": "Compare the numbers of a run with a stored baseline.",
     "data": "List, check, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
