@@ -12,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = ["VERBS", "Verbs", "verb_command", "verb_group"]
+__all__ = ["VERBS", "Verbs", "verb_command", "verb_group", "verb_module"]
 
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
@@ -24,20 +24,28 @@ VERBS = {
     "eval": "Run methods on subjects and score what they make.",
     "score": "Score meshes that were made elsewhere.",
     "report": "Print a table of a run, draw a figure, or write a page.",
+    "results": "Hand results in, score them again, and put them on a board.",
     "check": "Compare the numbers of a run with a stored baseline.",
     "data": "List, check, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
     "train": "Train the open networks.",
     "parts": "List, import and verify the parts that you bring.",
 }
-#: Modules of ``harness.cli.verbs`` that are not called like their verb.
+#: Modules of verbs that are not called like their verb.
 _MODULES = {"eval": "evaluate"}
+#: Verbs that make photos, meshes or numbers; the others show what there is.
+_RUNNING = ("quickstart", "render", "capture", "reconstruct", "eval", "score", "train")
 
 
 def verb_command(verb: str) -> Any:
     """A verb's whole command with its options or its own verbs; imports the verb's module."""
-    module = importlib.import_module(f"harness.cli.verbs.{_MODULES.get(verb, verb)}")
-    return typer.main.get_command(module.app)
+    return typer.main.get_command(importlib.import_module(verb_module(verb)).app)
+
+
+def verb_module(verb: str) -> str:
+    """Dotted name of a verb's module."""
+    folder = "running" if verb in _RUNNING else "showing"
+    return f"harness.cli.verbs.{folder}.{_MODULES.get(verb, verb)}"
 
 
 class _LazyVerb(TyperCommand):

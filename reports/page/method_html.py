@@ -37,6 +37,8 @@ def _card(method: PageMethod) -> str:
 
 
 def _views(info: MethodInfo) -> str:
+    if info.view_count is not None:
+        return f"Uses {info.view_count} of all photos, as evenly apart as can be"
     if info.views is None:
         return "Uses all photos"
     if not info.views:

@@ -12,19 +12,55 @@
   const started = performance.now();
   const timings = { surfaces: {}, scripts_ms: started, graphics_ms: null, photos_ms: null, first_view_ms: null };
 
+  const scalarOf = (id) => data.scalars.find((scalar) => scalar.id === id);
+  const subjectOf = (id) => data.subjects.find((subject) => subject.id === id);
+
+  // Surfaces on their way, so that they are loaded while graphics start and photos are decoded.
+  const coming = new Map();
+  function prepared(subject, name) {
+    const key = `${subject.id}\n${name}`;
+    const surface = subject.surfaces.find((one) => one.method === name);
+    if (!coming.has(key)) {
+      coming.set(key, decoded(subject, surface).catch((error) => { coming.delete(key); throw error; }));
+    }
+    return coming.get(key);
+  }
+
+  async function decoded(subject, surface) {
+    const begin = performance.now();
+    const received = await HarnessPage.load(subject.id, surface.method, surface.file);
+    const loaded = performance.now();
+    const made = await HarnessPage.decode(received);
+    made.greatest = Object.fromEntries(received[0].scalars.map((scalar) => [scalar.id, scalar.step * 65534]));
+    HarnessPage.forget(subject.id, surface.method); // the text is not needed any more
+    timings.surfaces[`${subject.id} ${surface.method}`] = {
+      faces: surface.faces, load_ms: loaded - begin, decode_ms: performance.now() - loaded,
+    };
+    return made;
+  }
+
+  function prefetch(id, names) {
+    const subject = subjectOf(id);
+    for (const { method } of subject?.surfaces ?? []) {
+      if (names.includes(method)) prepared(subject, method).catch(() => {}); // said when it is shown
+    }
+  }
+
+  const wanted = heard();
+  prefetch(wanted.subject, wanted.panels);
+
   let viewer;
   try {
     viewer = HarnessPage.createViewer(canvas, () => { markPhoto(); say(); });
   } catch {
     section.classList.add("flat");
     tell("This browser shows no 3-D graphics (WebGL 2). Photos and tables are complete without them.");
+    HarnessPage.ready = showPhotosAlone();
     return;
   }
   timings.graphics_ms = performance.now();
   const { state } = viewer;
   const limits = Object.fromEntries(data.scalars.map((scalar) => [scalar.id, scalar.limit]));
-  const scalarOf = (id) => data.scalars.find((scalar) => scalar.id === id);
-  const subjectOf = (id) => data.subjects.find((subject) => subject.id === id);
   const current = () => subjectOf(state.subject);
   const surfaceOf = (name) => current().surfaces.find((surface) => surface.method === name);
 
@@ -36,18 +72,9 @@
   // ---- content
 
   async function loadSurface(subject, name) {
-    const surface = subject.surfaces.find((one) => one.method === name);
-    if (!surface || viewer.has(name)) return;
-    const begin = performance.now();
-    const received = await HarnessPage.load(subject.id, name, surface.file);
-    const loaded = performance.now();
-    const decoded = await HarnessPage.decode(received);
-    decoded.greatest = Object.fromEntries(received[0].scalars.map((scalar) => [scalar.id, scalar.step * 65534]));
-    viewer.keep(`${subject.id}\n${name}`, decoded);
-    HarnessPage.forget(subject.id, name); // the text is not needed any more
-    timings.surfaces[`${subject.id} ${name}`] = {
-      faces: surface.faces, load_ms: loaded - begin, decode_ms: performance.now() - loaded,
-    };
+    if (viewer.has(name) || !subject.surfaces.some((one) => one.method === name)) return;
+    viewer.keep(`${subject.id}\n${name}`, await prepared(subject, name));
+    coming.delete(`${subject.id}\n${name}`);
   }
 
   async function picturesOf(subject) {
@@ -61,10 +88,19 @@
     }));
   }
 
+  async function showPhotosAlone() {
+    const show = async (id) => strip.replaceChildren(...await picturesOf(subjectOf(id)));
+    section.addEventListener("change", ({ target }) => { if (target.name === "subject") show(target.value); });
+    find(`input[name=subject][value="${CSS.escape(wanted.subject)}"]`).checked = true;
+    await show(wanted.subject);
+  }
+
   let turnOfSubject = 0;
   async function setSubject(id) {
     const mine = ++turnOfSubject;
     const subject = subjectOf(id);
+    for (const key of coming.keys()) if (!key.startsWith(`${id}\n`)) coming.delete(key);
+    prefetch(id, state.panels);
     const pictures = await picturesOf(subject).catch((error) => { tell(error.message); return []; });
     if (mine !== turnOfSubject) return;
     timings.photos_ms ??= performance.now();
@@ -348,7 +384,7 @@
   }
 
   function start() {
-    const wanted = heard(), { parts } = wanted;
+    const { parts } = wanted;
     find(".ramp").style.background = `linear-gradient(to right, ${HarnessPage.shaders.RAMP.join(", ")})`;
     for (const [name, values] of [["shading", Object.keys(HarnessPage.shaders.MODES)], ["layout", ["side", "slider"]]]) {
       const choice = parts.get(name);

@@ -285,3 +285,16 @@ def test_a_page_without_photos_turns_as_well(tab: Page, tmp_path: Path) -> None:
 
     assert near(middle_of(tab, 0), LOW)
     assert tab.complaints == []
+
+
+def test_without_graphics_photos_and_tables_are_there(tab: Page, folder: Path) -> None:
+    source = "HTMLCanvasElement.prototype.getContext = () => null;"
+    made = tab.call("Page.addScriptToEvaluateOnNewDocument", {"source": source})
+    try:
+        opened(tab, folder)
+        assert "WebGL" in tab.run("document.querySelector('.stage .notice').textContent")
+        assert tab.run("document.querySelectorAll('.photos img').length") == 4
+        assert tab.run("HarnessPage.tablesReady")
+        assert tab.complaints == []
+    finally:
+        tab.call("Page.removeScriptToEvaluateOnNewDocument", {"identifier": made["identifier"]})

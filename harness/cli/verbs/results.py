@@ -1,0 +1,142 @@
+"""``harness results``: hand results in, score them again, and put them on a board."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.display import shown_progress
+from harness.cli.options import (
+    Json,
+    ManifestPath,
+    Reason,
+    Run,
+    Subjects,
+    WorkspacePath,
+    split_names,
+)
+from harness.cli.output import print_json
+from harness.cli.verb_list import verb_group
+from harness.data.manifest import load_manifest
+from harness.pipeline.board.entries import Entry, entries_in
+from harness.pipeline.board.export import export_results
+from harness.pipeline.board.merge import merge_entry
+from harness.pipeline.board.verify import Truths, Verification, verify_entry
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.report.tables import in_order
+from harness.pipeline.run.store import RunStore
+
+__all__ = ["app"]
+
+app = verb_group("results")
+
+Submission = Annotated[
+    Path, typer.Argument(metavar="FOLDER", help="Results as 'harness results export' writes them.")
+]
+Board = Annotated[
+    Path, typer.Argument(metavar="BOARD", help="Folder of the board, which has the same form.")
+]
+Target = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write.")]
+Methods = Annotated[
+    str,
+    typer.Option("--method", metavar="NAMES", help="Methods, comma-separated. Default: all."),
+]
+Version = Annotated[
+    str,
+    typer.Option("--version", metavar="TEXT", help="What you call this version of the method."),
+]
+Complete = Annotated[
+    str,
+    typer.Option(
+        "--dataset",
+        metavar="NAME",
+        help="Dataset or split of which no subject may be missing. Default: the records' dataset.",
+    ),
+]
+
+
+@app.command()
+def export(
+    folder: Target,
+    version: Version,
+    run: Run = None,
+    method: Methods = "",
+    subjects: Subjects = "",
+    workspace: WorkspacePath = None,
+) -> None:
+    """Write records and meshes of a run as results that can be handed in."""
+    store = RunStore.existing(Workspace.default(workspace), run)
+    chosen = split_names(subjects)
+    records = [
+        record
+        for record in in_order(store.records(), split_names(method))
+        if not chosen or record.subject in chosen
+    ]
+    for entry in export_results(store, records, version, folder):
+        print(f"{entry.directory}: {len(entry.subjects())} subjects")
+
+
+@app.command()
+def verify(
+    folder: Submission,
+    dataset: Complete = "",
+    method: Methods = "",
+    reason: Reason = "",
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Score the meshes of results again, and compare.
+
+    The exit code is 1 when a subject is missing, a mesh is another one, or a number differs.
+    """
+    truths = Truths(load_manifest(manifest), Workspace.default(workspace), dataset, reason)
+    entries = entries_in(folder, split_names(method))
+    with shown_progress(quiet=as_json) as progress:
+        found = [verify_entry(entry, truths, progress) for entry in entries]
+    if as_json:
+        print_json([_as_json(one) for one in found])
+    else:
+        for one in found:
+            _print(one)
+    if any(one.findings for one in found):
+        raise typer.Exit(1)
+
+
+@app.command()
+def merge(
+    folder: Submission,
+    board: Board,
+    dataset: Complete = "",
+    method: Methods = "",
+    reason: Reason = "",
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+) -> None:
+    """Verify results, put them on a board, and say what changes."""
+    truths = Truths(load_manifest(manifest), Workspace.default(workspace), dataset, reason)
+    with shown_progress() as progress:
+        for entry in entries_in(folder, split_names(method)):
+            found = verify_entry(entry, truths, progress)
+            print(merge_entry(entry, found, Entry(board, entry.method, entry.version)))
+
+
+def _print(found: Verification) -> None:
+    for finding in found.findings:
+        print(f"WRONG  {finding}")
+    text = f"{found.entry}: {len(found.scored)} meshes scored again, {len(found.failed)} failed"
+    print(f"{text}, {len(found.findings)} findings")
+    if found.unproven:
+        print(f"  not proven by a mesh: {', '.join(found.unproven)}")
+
+
+def _as_json(found: Verification) -> dict[str, object]:
+    return {
+        "entry": found.entry,
+        "scored": list(found.scored),
+        "failed": list(found.failed),
+        "unproven": list(found.unproven),
+        "findings": [{"subject": one.subject, "what": one.what} for one in found.findings],
+    }

@@ -1,0 +1,113 @@
+"""``harness results merge``: results without faults go on a board, and what changes is said."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from statistics import fmean
+
+from harness.core.errors import HarnessError
+from harness.core.files.atomic import atomic_directory
+from harness.pipeline.board.entries import Entry
+from harness.pipeline.board.verify import Verification
+
+__all__ = ["MergedEntry", "merge_entry"]
+
+_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
+
+
+@dataclass(frozen=True, slots=True)
+class MergedEntry:
+    """An entry that is on the board now.
+
+    Attributes:
+        entry: Its place on the board.
+        subjects: How many it has.
+        means: By metric's id, over its subjects with numbers.
+        before: The same of the version of this method that was on the board last, by name.
+        last: That version; empty if this is the method's first.
+    """
+
+    entry: Entry
+    subjects: int
+    means: dict[str, float]
+    before: dict[str, float]
+    last: str
+
+    def __str__(self) -> str:
+        numbers = ", ".join(
+            f"{name} {mean:.2f}" + (f" ({mean - self.before[name]:+.2f})" if self.last else "")
+            for name, mean in self.means.items()
+            if not self.last or name in self.before
+        )
+        against = f", against {self.last}" if self.last else ", new"
+        return f"{self.entry.title}{against}: {self.subjects} subjects, {numbers}"
+
+
+def merge_entry(entry: Entry, verified: Verification, board: Entry) -> MergedEntry:
+    """Copy a verified entry to its place on a board.
+
+    Args:
+        entry: What was handed in.
+        verified: What was found in it.
+        board: Its place: the same method and version.
+
+    Raises:
+        HarnessError: something was found; this version is on the board; or subjects would be lost
+            that the method's last version on the board has.
+    """
+    if verified.findings:
+        raise HarnessError(
+            f"{entry.title} does not go on the board",
+            got="; ".join(map(str, verified.findings)),
+            hint="'harness results verify' lists what is wrong",
+        )
+    if board.directory.exists():
+        raise HarnessError(
+            f"{board.title} is on the board already", hint="Hand it in as another version"
+        )
+    last = _last_version(board)
+    lost = sorted(set(_proven(last)) - set(_proven(entry))) if last else []
+    if last and lost:
+        raise HarnessError(
+            f"{entry.title} has lost subjects that {last.title} has", got=", ".join(lost)
+        )
+    with atomic_directory(board.directory) as temporary:
+        for subject in entry.subjects():
+            for path in (entry.record_path(subject), entry.mesh_path(subject)):
+                if path.is_file():
+                    shutil.copyfile(path, temporary / path.name)
+    return MergedEntry(
+        entry=board,
+        subjects=len(_proven(board)),
+        means=_means(board),
+        before=_means(last) if last else {},
+        last=last.version if last else "",
+    )
+
+
+def _last_version(board: Entry) -> Entry | None:
+    """The version of this method whose folder was made last."""
+    folder = board.directory.parent
+    versions = [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
+    found = [Entry(board.root, board.method, path.name) for path in versions]
+    made = [entry for entry in found if entry.subjects()]
+    return max(made, key=_made_utc, default=None)
+
+
+def _made_utc(entry: Entry) -> str:
+    return max(entry.record(subject).created_utc for subject in entry.subjects())
+
+
+def _proven(entry: Entry) -> list[str]:
+    """Subjects with numbers."""
+    return [subject for subject in entry.subjects() if entry.record(subject).status == "ok"]
+
+
+def _means(entry: Entry) -> dict[str, float]:
+    records = [entry.record(subject) for subject in _proven(entry)]
+    found = {
+        name: [record.metrics[name].value for record in records if name in record.metrics]
+        for name in _METRICS
+    }
+    return {name: fmean(values) for name, values in found.items() if values}

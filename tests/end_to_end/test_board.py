@@ -1,0 +1,190 @@
+"""Results handed in: whatever was changed is found, and only what is right goes on the board."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from harness.core.errors import HarnessError
+from harness.core.files.hashing import file_sha256
+from harness.core.formats.mesh_files import load_mesh, save_mesh
+from harness.data.manifest import load_manifest
+from harness.pipeline.board.entries import Entry, entries_in
+from harness.pipeline.board.export import export_results
+from harness.pipeline.board.merge import MergedEntry, merge_entry
+from harness.pipeline.board.verify import Truths, Verification, verify_entry
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.progress import Silent
+from harness.pipeline.run.store import RunStore
+
+
+@pytest.fixture
+def handed_in(world: Path, measured: None) -> Entry:
+    """The world's results of ``gt`` as version 1."""
+    store = RunStore.existing(Workspace(world), None)
+    (entry,) = export_results(store, store.records(), "1", world / "in")
+    return entry
+
+
+@pytest.fixture
+def verified(world: Path) -> Callable[..., Verification]:
+    """``verified(entry)``: what is found in it."""
+
+    def found(entry: Entry, **choices: str) -> Verification:
+        manifest = load_manifest(world / "data_manifest.yaml")
+        return verify_entry(entry, Truths(manifest, Workspace(world), **choices), Silent())
+
+    return found
+
+
+def texts(found: Verification) -> list[tuple[str, str]]:
+    return [(one.subject, one.what) for one in found.findings]
+
+
+def change(path: Path, **values: object) -> None:
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, **values}))
+
+
+def test_what_a_run_hands_in_is_right(handed_in: Entry, verified: Callable) -> None:
+    found = verified(handed_in)
+
+    assert texts(found) == []
+    assert found.scored == ("t1", "t2", "t3")
+
+
+def test_another_mesh_is_found(handed_in: Entry, verified: Callable) -> None:
+    path = handed_in.mesh_path("t2")
+    mesh = load_mesh(path)
+    save_mesh(path, replace(mesh, vertices=mesh.vertices * 1.01))
+    found = texts(verified(handed_in))
+
+    assert {subject for subject, _ in found} == {"t2"}
+    assert "is not the one that was scored" in found[0][1]
+    assert any(what.startswith("p2s_accuracy is 0.0000 mm in the record") for _, what in found)
+
+
+def test_another_mesh_is_found_even_where_its_digest_was_put_right(
+    handed_in: Entry, verified: Callable
+) -> None:
+    path = handed_in.mesh_path("t2")
+    mesh = load_mesh(path)
+    save_mesh(path, replace(mesh, vertices=mesh.vertices * 1.01))
+    files = json.loads(handed_in.record_path("t2").read_text())["files"]
+    change(handed_in.record_path("t2"), files={**files, "mesh.ply": file_sha256(path)})
+    found = texts(verified(handed_in))
+
+    assert {subject for subject, _ in found} == {"t2"}
+    assert all("in the record, but" in what for _, what in found)
+
+
+def test_a_missing_subject_is_found(handed_in: Entry, verified: Callable) -> None:
+    handed_in.record_path("t3").unlink()
+
+    assert texts(verified(handed_in)) == [("t3", "no record")]
+
+
+def test_a_split_need_only_be_complete_itself(handed_in: Entry, verified: Callable) -> None:
+    handed_in.record_path("t3").unlink()
+    found = verified(handed_in, complete="toy-one")
+
+    assert (texts(found), found.scored) == ([], ("t1",))
+
+
+def test_a_changed_number_is_found(handed_in: Entry, verified: Callable) -> None:
+    path = handed_in.record_path("t1")
+    metrics = json.loads(path.read_text())["metrics"]
+    metrics["normal_error"]["value"] -= 0.01
+    change(path, metrics=metrics)
+    ((subject, what),) = texts(verified(handed_in))
+
+    assert subject == "t1"
+    assert what.startswith("normal_error is ")
+
+
+def test_a_lost_mesh_a_strange_record_and_another_protocol_are_found(
+    handed_in: Entry, verified: Callable
+) -> None:
+    handed_in.mesh_path("t1").unlink()
+    handed_in.record_path("t2").write_text("{")
+    protocol = json.loads(handed_in.record_path("t3").read_text())["protocol"]
+    change(handed_in.record_path("t3"), protocol={**protocol, "sha": "0" * 16})
+    found = dict(texts(verified(handed_in)))
+
+    assert found["t1"] == "no mesh beside its record"
+    assert "not valid JSON" in found["t2"]
+    assert "measured with protocol" in found["t3"]
+
+
+def test_a_failure_is_handed_in_as_a_failure(handed_in: Entry, verified: Callable) -> None:
+    change(handed_in.record_path("t1"), status="failed", reason="no person was found", metrics={})
+    found = verified(handed_in)
+    assert (texts(found), found.failed) == ([], ("t1",))
+
+    change(handed_in.record_path("t2"), status="failed", reason="no person was found")
+    assert texts(verified(handed_in)) == [("t2", "failed, but with numbers")]
+
+
+def merged(entry: Entry, found: Verification, board: Path) -> MergedEntry:
+    return merge_entry(entry, found, Entry(board, entry.method, entry.version))
+
+
+def test_right_results_go_on_the_board_once(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    board = world / "board"
+    found = merged(handed_in, verified(handed_in), board)
+    (there,) = entries_in(board)
+
+    assert (found.subjects, found.last) == (3, "")
+    assert verified(there).findings == ()
+    with pytest.raises(HarnessError, match="already"):
+        merged(handed_in, verified(handed_in), board)
+
+
+def test_a_version_that_lost_a_subject_or_is_wrong_does_not_go_on_the_board(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    board = world / "board"
+    merged(handed_in, verified(handed_in), board)
+    store = RunStore.existing(Workspace(world), None)
+    (second,) = export_results(store, store.records(), "2", world / "in")
+    change(second.record_path("t1"), status="failed", reason="ran out of memory", metrics={})
+
+    with pytest.raises(HarnessError, match=r"lost subjects that gt/1 has \(got t1\)"):
+        merged(second, verified(second), board)
+    second.record_path("t1").unlink()
+    with pytest.raises(HarnessError, match="t1: no record"):
+        merged(second, verified(second), board)
+    assert [entry.version for entry in entries_in(board)] == ["1"]
+
+
+def test_a_new_version_says_what_it_changes(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    board = world / "board"
+    merged(handed_in, verified(handed_in), board)
+    store = RunStore.existing(Workspace(world), None)
+    (second,) = export_results(store, store.records(), "2", world / "in")
+
+    assert str(merged(second, verified(second), board)).startswith(
+        "gt/2, against 1: 3 subjects, chamfer "
+    )
+
+
+def test_the_commands_hand_in_verify_and_merge(
+    harness: Callable, world: Path, measured: None
+) -> None:
+    assert harness("results", "export", "in", "--version", "1").returncode == 0
+    done = harness("results", "merge", "in", "board")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("gt/1, new: 3 subjects")
+
+    (world / "board" / "gt" / "1" / "t2.json").unlink()
+    done = harness("results", "verify", "board", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)[0]["findings"] == [{"subject": "t2", "what": "no record"}]
