@@ -27,7 +27,7 @@ USED = {
 UNUSED = (
     "methods/body/fit/jmbo.py", "methods/normals/training/network.py", "methods/clothed.py",
     "methods/gt.py", "methods/catalog.py", "reports/formats/latex.py",
-    "harness/cli/verbs/report.py",
+    "harness/cli/verbs/showing/report.py",
     "harness/pipeline/scoring/bodies.py", "harness/pipeline/scoring/normals.py",
     "harness/pipeline/run/plan.py", "harness/data/manifest.py", "renderers/blender/scene.py",
     "renderers/proof.py",

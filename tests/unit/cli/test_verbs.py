@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 import resource
@@ -11,13 +10,11 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from harness.cli import verb_list
 from harness.cli.main import app
 from harness.cli.output import deliver
-from harness.cli.verb_list import VERBS
+from harness.cli.verb_list import VERBS, verb_command
 
 MOST_HELP_S = 0.3
 
@@ -25,8 +22,7 @@ MOST_HELP_S = 0.3
 def commands() -> Iterator[tuple[str, object]]:
     """Every command with its full name, those of groups included."""
     for name in VERBS:
-        module = importlib.import_module(f"harness.cli.verbs.{verb_list._MODULES.get(name, name)}")
-        command = typer.main.get_command(module.app)
+        command = verb_command(name)
         inner = getattr(command, "commands", {})
         yield name, command
         yield from ((f"{name} {one}", inner[one]) for one in inner)

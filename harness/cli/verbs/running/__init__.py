@@ -1,0 +1,1 @@
+"""Commands that make photos, meshes and numbers."""
