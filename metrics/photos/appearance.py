@@ -22,10 +22,11 @@ from metrics.photos.likeness import likeness
 
 __all__ = ["EDGE_M", "MOST_HELD_OUT", "Appearance", "appearance", "in_exposure_of"]
 
-#: Colours lie on vertices about this far apart, whatever the mesh's own triangles.
-EDGE_M = 0.004
+#: Colours lie on vertices about this far apart, or 1.5 pixels where these are larger, whatever the
+#: mesh's own triangles.
+EDGE_M, _EDGE_PIXELS = 0.004, 1.5
 #: The mesh is not made finer than so many vertices.
-_MOST_VERTICES = 400_000
+_MOST_VERTICES = 250_000
 #: So many photos are left out in turn, evenly spread; fewer than three photos leave none.
 MOST_HELD_OUT = 4
 _LEAST_PHOTOS = 3
@@ -55,9 +56,9 @@ def appearance(mesh: Mesh, photos: Sequence[Photo], edge_m: float = EDGE_M) -> A
     Args:
         mesh: World metres.
         photos: Counted from the front.
-        edge_m: How far apart the coloured vertices are, about.
+        edge_m: How far apart the coloured vertices are at least, about.
     """
-    fine = finer(mesh, edge_m, _MOST_VERTICES)
+    fine = finer(mesh, max(edge_m, _EDGE_PIXELS * _pixel_m(mesh, photos)), _MOST_VERTICES)
     colouring = Colouring(fine, photos)
     every = range(len(photos))
     from_all = colouring.from_photos(every)
@@ -71,6 +72,15 @@ def appearance(mesh: Mesh, photos: Sequence[Photo], edge_m: float = EDGE_M) -> A
         iou, found = _compared(photo, colouring.caster, compared)
         views.append(ViewScore(index, iou, found[0], found[1] if len(found) > 1 else None))
     return Appearance(tuple(views), from_all.seen_share)
+
+
+def _pixel_m(mesh: Mesh, photos: Sequence[Photo]) -> float:
+    """What a pixel spans at the middle of the mesh, in the photo that shows it largest."""
+    middle = mesh.bounds.mean(axis=0)
+    return min(
+        float(np.linalg.norm(photo.camera.position - middle)) / photo.camera.K[0, 0]
+        for photo in photos
+    )
 
 
 def _left_out(count: int) -> set[int]:

@@ -10,6 +10,8 @@ from harness.geometry.topology import edges_of
 
 __all__ = ["finer"]
 
+_NEAREST = float(np.sqrt(2.0))
+
 
 def finer(mesh: Mesh, edge_m: float, most_vertices: int) -> Mesh:
     """The same surface with each face cut into four, and again, until edges are short enough.
@@ -18,7 +20,8 @@ def finer(mesh: Mesh, edge_m: float, most_vertices: int) -> Mesh:
 
     Args:
         mesh: World metres.
-        edge_m: Wanted: the median edge is not longer.
+        edge_m: Wanted median edge. A cut halves it, so that it ends between 0.7 and 1.4 times as
+            long, or is shorter because it was.
         most_vertices: The surface is not cut again where it would have more.
     """
     vertices, faces = mesh.vertices, mesh.faces

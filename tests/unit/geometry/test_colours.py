@@ -15,11 +15,12 @@ from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.geometry.colours import coloured
 from harness.geometry.colours.colouring import Colouring
+from harness.geometry.colours.detail import finer
 from harness.geometry.colours.levelling import gains
 from harness.geometry.images import linear_from_srgb, srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import concatenated
+from harness.geometry.topology import concatenated, edges_of, open_edges
 
 #: A pixel spans 4.5 mm of the subject.
 CAMERAS = RingRig(views=8).cameras(270, 480)
@@ -227,3 +228,15 @@ def test_split_vertices_get_one_colour_and_equal_input_gives_equal_output():
     apart = np.abs(whole.colours[sphere.faces.ravel()].astype(int) - again.colours)
     assert apart.max() <= 1
     np.testing.assert_array_equal(coloured(sphere, photos).colours, whole.colours)
+
+
+def test_a_finer_mesh_is_the_same_surface_with_edges_about_as_long_as_wanted():
+    sphere = icosphere(RADIUS, 3)
+    fine = finer(sphere, 0.03, 10**6)
+    ends = edges_of(fine.faces).ends
+    edge_m = np.median(np.linalg.norm(np.diff(fine.vertices[ends], axis=1), axis=2))
+    assert 0.7 * 0.03 <= edge_m <= 1.42 * 0.03
+    assert fine.area == pytest.approx(sphere.area)
+    assert fine.signed_volume == pytest.approx(sphere.signed_volume)
+    assert open_edges(fine) == 0
+    assert finer(sphere, 0.03, len(sphere.vertices)).vertices.shape == sphere.vertices.shape
