@@ -44,6 +44,8 @@ _CAMERA_FACTS, _FOCAL_35MM, _FILM_MM = 0x8769, 41989, 36.0
 #: EXIF's tag of how the picture is turned, and its values as quarter turns against the clock.
 _ORIENTATION = 274
 _QUARTER_TURNS = {1: 0, 3: 2, 6: 3, 8: 1}
+#: A photo whose alpha is clear in less than this share has no person cut out: a rounded corner.
+_LEAST_CLEAR = 0.02
 #: Sides of pictures and of cameras are of one shape up to this share.
 _SAME_SHAPE = 0.01
 _ROWS_AT_ONCE = 256
@@ -191,7 +193,7 @@ def read_photo(path: Path, view: ForeignView, mask: Path | None = None) -> Taken
         # The camera is of the picture as viewers show it, not as the file stores it.
         rgba, quarters = np.rot90(rgba, quarters), 0
     camera = view.camera.resized(rgba.shape[1], rgba.shape[0])
-    has_alpha = mask is not None or bool((rgba[..., 3] < 255).any())
+    has_alpha = mask is not None or float((rgba[..., 3] < 128).mean()) > _LEAST_CLEAR
     return _pinhole(rgba, camera, view.lens, has_alpha=has_alpha).turned(quarters)
 
 

@@ -17,13 +17,16 @@ import numpy as np
 from harness.core.arrays import Bytes, Floats
 from harness.core.errors import MissingPart
 
-__all__ = ["made_mask", "mask_maker"]
+__all__ = ["made_mask", "mask_maker", "shows_others"]
 
 #: Radius of the filter's window as a share of the photo's height, and what it takes for flat, in
 #: squared colours of 0 to 1: a step of 0.01.
 _RADIUS, _FLAT = 1 / 120, 1e-4
 #: The filter leaves a faint veil over similar colours: what is between these becomes 0 to 1.
 _VEIL = (0.25, 0.75)
+#: Another person is at least so large, as a share of the one chosen, and so far from them, as a
+#: share of the photo's height; looked for in a photo of about so many rows.
+_OTHER_PERSON, _NEAR, _SMALL_PX = 0.2, 0.02, 256
 
 
 def mask_maker() -> str:
@@ -49,6 +52,28 @@ def made_mask(rgb: Bytes) -> Bytes | None:
     fine = _guided(rgb / 255.0, rough, max(2, round(_RADIUS * rgb.shape[0])))
     low, high = _VEIL
     return np.round(255 * np.clip((fine - low) / (high - low), 0.0, 1.0)).astype(np.uint8)
+
+
+def shows_others(rgb: Bytes, coverage: Bytes) -> bool:
+    """Whether a photo (H, W, 3) seems to show people besides the one in a made mask (H, W).
+
+    MediaPipe's other segmentation marks all people at once: what it marks away from the mask, in
+    one piece about as large as a person, is somebody else.
+
+    Raises:
+        MissingPart: MediaPipe is not installed.
+    """
+    from scipy.ndimage import binary_dilation
+    from skimage.measure import label
+
+    everybody = np.asarray(_everybody().process(np.ascontiguousarray(rgb)).segmentation_mask) > 0.5
+    step = max(1, rgb.shape[0] // _SMALL_PX)
+    chosen = coverage[::step, ::step] >= 128
+    reach = max(1, round(_NEAR * chosen.shape[0]))
+    near = np.asarray(binary_dilation(chosen, iterations=reach), dtype=bool)
+    pieces = np.asarray(label(everybody[::step, ::step] & ~near), dtype=np.int64)
+    sizes = np.bincount(pieces.ravel())[1:]
+    return bool(len(sizes) and sizes.max() > _OTHER_PERSON * chosen.sum())
 
 
 def _guided(guide: Floats, values: Floats, radius: int) -> Floats:
@@ -77,6 +102,18 @@ def _guided(guide: Floats, values: Floats, radius: int) -> Floats:
 @functools.lru_cache(maxsize=1)
 def _network() -> Any:
     """The network, loaded once; in still-picture mode it remembers nothing of earlier pictures."""
+    return _solutions().pose.Pose(
+        static_image_mode=True, model_complexity=1, enable_segmentation=True
+    )
+
+
+@functools.lru_cache(maxsize=1)
+def _everybody() -> Any:
+    """The network that marks all people, loaded once."""
+    return _solutions().selfie_segmentation.SelfieSegmentation(model_selection=0)
+
+
+def _solutions() -> Any:
     try:
         import mediapipe
     except ImportError as error:
@@ -84,5 +121,4 @@ def _network() -> Any:
             "masks are made with MediaPipe, which is not installed",
             hint="Run: pip install mediapipe==0.10.21; or give masks with --masks FOLDER",
         ) from error
-    solutions: Any = mediapipe.solutions
-    return solutions.pose.Pose(static_image_mode=True, model_complexity=1, enable_segmentation=True)
+    return mediapipe.solutions

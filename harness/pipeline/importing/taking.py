@@ -18,7 +18,7 @@ from harness.data.captures.pictures import TakenPhoto, read_photo
 from harness.geometry.images import load_rgba, save_png
 from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
-from harness.pipeline.importing.masks import made_mask, mask_maker
+from harness.pipeline.importing.masks import made_mask, mask_maker, shows_others
 from harness.pipeline.importing.matching import MatchedPhoto
 from harness.pipeline.importing.subject import cut_sides, one_person
 from harness.pipeline.importing.world import quarters_upright
@@ -94,6 +94,11 @@ def take_photos(
             picture = np.dstack([taken.rgb, coverage])
             save_png(folder / image_name(len(views)), picture)
             sha256 = file_sha256(photo.path)
+            if mask_from == mask_maker() and shows_others(taken.rgb, coverage):
+                warnings.append(
+                    f"more than one person in {photo.name}: the one whom MediaPipe chose is kept; "
+                    "give a mask if another is meant"
+                )
             views.append(TakenView(photo, taken.camera, coverage, mask_from, sha256))
         else:
             warnings.append(f"left out: {photo.name} shows no person, or its mask is empty")

@@ -11,13 +11,14 @@ from harness.core.artifacts import Capture
 from harness.core.files.atomic import atomic_directory, atomic_path, write_json
 from harness.core.formats.coloured_mesh import ColouredMesh, save_coloured
 from harness.core.formats.mesh_files import load_mesh, save_mesh
-from harness.core.mesh import Mesh
+from harness.core.formats.typed_json import to_json
+from harness.core.quality.photo_scores import PhotoScores
 from harness.core.records import Record
 from harness.geometry.colours import coloured
-from harness.geometry.photo import Photo, open_photo
-from harness.geometry.raycast import Raycaster
-from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
+from harness.geometry.photo import open_photo
+from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, load_body_mesh, load_normals
 from harness.pipeline.run.store import RunStore
+from harness.pipeline.scoring.photos import photo_quality
 from reports.figures.photo_sheet import SheetInput, draw_photo_sheet
 
 __all__ = ["WrittenResult", "write_result"]
@@ -42,7 +43,8 @@ def write_result(store: RunStore, record: Record, capture: Capture, folder: Path
     """Write a good record's result into a folder, which is replaced as a whole.
 
     The folder gets ``mesh.ply``, ``mesh.glb`` and ``mesh.obj`` with colours at the vertices,
-    ``body.ply`` where the method fits a body, ``sheet.png`` and ``figures.json``.
+    ``body.ply`` where the method fits a body, ``sheet.png``, and ``figures.json`` with figures of
+    quality that need no scan.
 
     Args:
         store: Of the record.
@@ -56,8 +58,12 @@ def write_result(store: RunStore, record: Record, capture: Capture, folder: Path
     mesh = load_mesh(store.result(record, "mesh.ply"))
     photos = [open_photo(capture, view) for view in range(len(capture.cameras))]
     painted = coloured(mesh, photos)
-    iou = _silhouettes(mesh, photos)
-    figures = _figures(record, capture, iou, painted)
+    maps = ()
+    if NORMALS_FILE in record.files:
+        maps = load_normals(store.result(record, NORMALS_FILE))
+    quality = photo_quality(mesh, capture, maps)
+    iou = tuple(view.silhouette_iou for view in quality.views)
+    figures = _figures(record, capture, quality, painted)
     with atomic_directory(folder) as made:
         save_coloured(made / "mesh.ply", painted)
         save_coloured(made / "mesh.glb", painted)
@@ -77,18 +83,8 @@ def write_result(store: RunStore, record: Record, capture: Capture, folder: Path
     return WrittenResult(folder, iou, painted.seen_share)
 
 
-def _silhouettes(mesh: Mesh, photos: list[Photo]) -> tuple[float, ...]:
-    caster = Raycaster(mesh)
-    values: list[float] = []
-    for photo in photos:
-        mask = caster.mask(photo.camera)
-        union = int((mask | photo.mask).sum())
-        values.append(int((mask & photo.mask).sum()) / union if union else 0.0)
-    return tuple(values)
-
-
 def _figures(
-    record: Record, capture: Capture, iou: tuple[float, ...], painted: ColouredMesh
+    record: Record, capture: Capture, quality: PhotoScores, painted: ColouredMesh
 ) -> dict[str, object]:
     mesh = painted.mesh
     extent = [float(side) for side in mesh.extent]
@@ -100,7 +96,7 @@ def _figures(
         "masks": sorted({str(view.get("mask", "")) for view in imported.get("views", [])}),
         "world": imported.get("world", {}).get("notes", []),
         "warnings": list(capture.warnings),
-        "silhouette_iou": {"mean": float(np.mean(iou)), "worst": min(iou), "by_photo": list(iou)},
+        "quality": to_json(quality),
         "vertices_seen_share": painted.seen_share,
         "mesh": {"vertices": len(mesh.vertices), "faces": len(mesh.faces), "extent_m": extent},
         "stages": [{"name": stage.name, "wall_s": stage.wall_s} for stage in record.stages],

@@ -170,18 +170,17 @@ def export(
     cameras: Annotated[
         str, typer.Option("--cameras", metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.")
     ] = FORMATS[0],
-    alpha: Annotated[
+    no_alpha: Annotated[
         bool,
         typer.Option(
-            "--alpha/--no-alpha",
-            help="Keep the photos' alpha, or put the person before plain grey.",
+            "--no-alpha", help="Put the person before plain grey instead of keeping alpha."
         ),
-    ] = True,
+    ] = False,
     masks: Annotated[bool, typer.Option("--masks", help="Write masks as files, too.")] = False,
     workspace: WorkspacePath = None,
 ) -> None:
     """Export a capture as plain photos with a camera file, for other programs."""
     found = named_capture(Workspace.default(workspace), capture)
-    request = ExportRequest(folder, cameras, alpha=alpha, masks=masks)
+    request = ExportRequest(folder, cameras, alpha=not no_alpha, masks=masks)
     names = export_capture(found, request)
     print(f"{len(names)} photos and their cameras ({cameras}) in {folder}")

@@ -115,7 +115,8 @@ def test_a_capture_without_a_scan_is_reconstructed_and_written(tmp_path, workspa
     np.testing.assert_allclose(np.median(255 * vertices[:, 3:], axis=0), (180, 120, 90), atol=3)
     figures = json.loads((folder / "figures.json").read_text())
     assert figures["masks"] == ["the photo's alpha"]
-    assert figures["silhouette_iou"]["worst"] == min(hull.result.silhouette_iou)
+    views = [view["silhouette_iou"] for view in figures["quality"]["views"]]
+    assert views == list(hull.result.silhouette_iou)
     assert load_rgb(folder / "sheet.png").shape[1] > 500
     (record,) = [r for r in RunStore(workspace.run(RUN)).records() if r.status == "ok"]
     assert (record.dataset, record.recipe, record.metrics) == ("captures", "imported", {})
