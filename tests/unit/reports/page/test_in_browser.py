@@ -245,6 +245,10 @@ def test_another_subject_keeps_the_panels(tab: Page, folder: Path) -> None:
 
 def test_nothing_is_wider_than_a_phone(tab: Page, folder: Path) -> None:
     opened(tab, folder, size=(360, 740))
+    tab.run(
+        "(() => { const row = document.querySelector('.subjects');"
+        " for (let k = 0; k < 20; k++) row.append(row.lastElementChild.cloneNode(true)); })()"
+    )
 
     assert tab.run("document.documentElement.scrollWidth") <= 360
     assert len(tab.run("HarnessPage.viewer.state.panels")) == 2
