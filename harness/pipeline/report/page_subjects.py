@@ -29,7 +29,7 @@ __all__ = ["SubjectWriter"]
 #: Distances are kept to 0.05 mm, angles to a degree: finer than any colour.
 _DISTANCE_STEP_MM, _ANGLE_STEP_DEG = 0.05, 1.0
 _LIMITS_MM = (5.0, 10.0, 20.0, 50.0, 100.0)
-_LIMIT_PERCENTILE = 95.0
+_LIMIT_PERCENTILE = 98.0
 _LIMIT_DEG, _GREATEST_DEG = 60.0, 180.0
 #: Numbers of a record that stand beside its surface.
 _VALUES = ("chamfer", "normal_error")
@@ -69,7 +69,8 @@ class SubjectWriter:
         unit, degree = Unit.millimetre.value, Unit.degree.value
         if self.scans.dataset.scale == UNITS_RULE:
             unit = "thousandths of a scan unit"
-        high = max(self._high_mm, default=0.0)
+        # Of a middle subject: one bad surface would leave the others without colours.
+        high = float(np.median(self._high_mm)) if self._high_mm else 0.0
         limit = next((limit for limit in _LIMITS_MM if high <= limit), _LIMITS_MM[-1])
         return (
             PageScalar("distance", "Distance to the truth", unit, limit, _LIMITS_MM[-1]),

@@ -100,31 +100,45 @@
     const mine = ++turnOfSubject;
     const subject = subjectOf(id);
     for (const key of coming.keys()) if (!key.startsWith(`${id}\n`)) coming.delete(key);
-    prefetch(id, state.panels);
+    prefetch(id, wish);
     const pictures = await picturesOf(subject).catch((error) => { tell(error.message); return []; });
     if (mine !== turnOfSubject) return;
     timings.photos_ms ??= performance.now();
     const view = state.view, first = state.subject === null;
     viewer.setSubject(id, pictures.length ? subject.views : [], pictures);
-    find(`input[name=subject][value="${CSS.escape(id)}"]`).checked = true;
+    showChosen(find(`input[name=subject][value="${CSS.escape(id)}"]`));
     makeStrip(subject, pictures);
     if (first || view !== null) viewer.lookThrough(view ?? 0);
     markPhoto();
-    state.panels = state.panels.map((name) => (isThere(name) ? name : data.truth));
-    await setPanels(state.panels);
+    await showPanels();
+  }
+
+  // What was asked for, as far as this subject has it: another one may have the rest again.
+  let wish = wanted.panels;
+  function setPanels(names) {
+    wish = names;
+    return showPanels();
+  }
+
+  function showChosen(input) {
+    input.checked = true;
+    const row = find(".subjects"), { offsetLeft, offsetWidth } = input.parentElement;
+    const isOutside = offsetLeft < row.scrollLeft || offsetLeft + offsetWidth > row.scrollLeft + row.clientWidth;
+    if (isOutside) row.scrollLeft = offsetLeft - (row.clientWidth - offsetWidth) / 2;
   }
 
   const isThere = (name) => (name === PHOTO ? current().views.length > 0 : Boolean(surfaceOf(name)));
 
-  async function setPanels(names) {
-    state.panels = names;
+  async function showPanels() {
+    const names = wish.filter(isThere);
+    state.panels = names.length ? names : [data.truth];
     viewer.forgetDepths();
     makeHeads();
     layOut();
-    const subject = current(), wanted = names.filter((name) => name !== PHOTO);
+    const subject = current(), shown = state.panels.filter((name) => name !== PHOTO);
     stage.setAttribute("aria-busy", "true");
     tell("");
-    await Promise.all([...new Set(wanted)].map(async (name) => {
+    await Promise.all([...new Set(shown)].map(async (name) => {
       try {
         await loadSurface(subject, name);
       } catch (error) {

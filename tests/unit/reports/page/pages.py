@@ -33,6 +33,8 @@ LIMIT_MM = 20.0
 #: Colour of all photos, and how many squares a side has.
 PHOTO = (180, 40, 60, 255)
 CELLS = {"hull8": 4, "mexecon": 5, "vggt": 6, TRUTH: 3}
+#: Whose surfaces each subject has.
+SHOWN = {"a01": tuple(CELLS), "a02": ("hull8", "vggt", TRUTH)}
 VIEWS = RingRig(views=4, radius_m=3.0, lens_mm=50.0, sensor_mm=36.0)
 
 
@@ -65,14 +67,14 @@ def write_page(directory: Path, *, photos: bool = True) -> Path:
     methods = {record.method_name: record.method for record in RECORDS}
     with page_folder(directory) as folder:
         subjects = []
-        for subject in ("a01", "a02"):
-            for method in CELLS:
+        for subject, methods_shown in SHOWN.items():
+            for method in methods_shown:
                 folder.add_surface(subject, method, compact(method))
             if photos:
                 folder.add_photos(subject, [rgba] * len(cameras), cameras)
             surfaces = [
-                PageSurface(name, name.title().strip("/"), 2 * count**2)
-                for name, count in CELLS.items()
+                PageSurface(name, name.title().strip("/"), 2 * CELLS[name] ** 2)
+                for name in methods_shown
             ]
             views = [PageView(90.0 * view, camera) for view, camera in enumerate(cameras)]
             subjects.append(

@@ -14,7 +14,7 @@ from reports.page import folder as folder_module
 from reports.page.folder import MARK_FILE, page_folder
 from reports.page.method_html import failures_html
 from reports.tables.geometry import geometry_table
-from tests.unit.reports.page.pages import CELLS, RECORDS, compact, write_page
+from tests.unit.reports.page.pages import RECORDS, SHOWN, compact, write_page
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_every_file_that_the_data_name_is_there(page):
     names += [subject[key] for subject in found["subjects"] for key in ("photos", "thumbnail")]
     names += [r["file"] for records in found["records"].values() for r in records.values()]
 
-    assert len(names) == 2 * len(CELLS) + 4 + len(RECORDS)
+    assert len(names) == sum(map(len, SHOWN.values())) + 4 + len(RECORDS)
     assert [name for name in names if not (page / unquote(name)).is_file()] == []
 
 
