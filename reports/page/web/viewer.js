@@ -332,7 +332,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   new ResizeObserver(request).observe(canvas);
 
   return {
-    state, keep, has: (name) => surfaces.has(keyOf(name)), setSubject, lookThrough, turn, shownView,
+    state, isSoftware, keep, has: (name) => surfaces.has(keyOf(name)), setSubject, lookThrough, turn, shownView,
     panels, columnsFor, draw, request, valueAt, pixelAt, triangles, keyOf, forgetDepths,
   };
 };
