@@ -24,5 +24,5 @@ def views(store: RunStore, source: Source, records: Sequence[Record], path: Path
     """
     table = views_table(records, subjects=source.subjects, interval=bootstrap_ends)
     count = len(source.subjects)
-    caption = f"{source.name}, {source.recipe.name}, {count} subject{'s' * (count != 1)}"
+    caption = f"{source.name}, {source.recipe_name}, {count} subject{'s' * (count != 1)}"
     return view_curves(view_series(table), path, f"{caption}; bands: 95 % of the mean")
