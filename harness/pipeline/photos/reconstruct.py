@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.artifacts import Capture
@@ -228,5 +228,5 @@ def _folder(
         subject=name,
         recipe=IMPORTED,
     )
-    made = import_capture(replace(job, longest_px=1920), progress, request.timeout_s)
+    made = import_capture(job, progress, request.timeout_s)
     return name, made

@@ -166,6 +166,7 @@ def _run(request: EvalRequest, *, as_json: bool) -> None:
     else:
         counts = ", ".join(f"{number} {status}" for status, number in summary.counts.items())
         print(f"{counts} ({summary.cached} cached) in {request.store.directory}")
-        print(f"Next: harness report --table geometry --run {request.store.directory.name}")
+        table = "photos" if request.source.is_imported else "geometry"
+        print(f"Next: harness report --table {table} --run {request.store.directory.name}")
     if not summary.all_ok:
         raise typer.Exit(1)
