@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
+from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
+from harness.core.process.shared_work import Sharing, Work, alone
 from harness.core.protocols import Context
 from harness.geometry.photo import open_photo
 from methods.body.result import BodyFitResult
@@ -42,12 +46,14 @@ class StereoTask:
             a window.
         settings: How points are found, kept and followed.
         narrow: Whether a short search in full resolution finishes the surface.
+        is_shared: Whether other methods ask for the points around the same start.
     """
 
     views: Sequence[int]
     hands: Floats
     settings: StereoSettings
     narrow: bool = True
+    is_shared: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +113,7 @@ def pulled_to_photos(
 
     settings = task.settings
     with context.stage("points"):
-        points = agreed_points(start, capture, task)
+        points = agreed_points(start, capture, task, context.share)
         points = points.away_from(task.hands, settings.keep.hands_m)
     with context.stage("pull"):
         pulled = pull(start, points, settings.pulls, remeshed)
@@ -120,21 +126,58 @@ def pulled_to_photos(
     return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds))
 
 
-def agreed_points(start: Mesh, capture: Capture, task: StereoTask) -> StereoPoints:
+def agreed_points(
+    start: Mesh, capture: Capture, task: StereoTask, share: Sharing = alone
+) -> StereoPoints:
     """What the photos agree on around a start surface, also near the hands.
 
     Args:
         start: As of ``pulled_to_photos``.
         capture: With the photos.
         task: Which photos, and how.
+        share: Finds the points of a shared task, or hands out those that were found before.
 
     Raises:
         MethodError: a photo that does not fit its camera or shows nothing of the subject.
     """
     # Not at the top, as above.
+    from methods.stereo.consistency import StereoPoints
     from methods.stereo.surface import stereo_points
 
-    return stereo_points(_stereo_views(capture, task), start, task.settings)
+    def found() -> StereoPoints:
+        return stereo_points(_stereo_views(capture, task), start, task.settings)
+
+    if not task.is_shared:
+        return found()
+    return share(
+        Work(
+            name="photo points",
+            module=__name__,
+            inputs={
+                "photos": [file_sha256(capture.image_path(view)) for view in task.views],
+                "cameras": [capture.cameras[view].to_dict() for view in task.views],
+                "start": _sha256(start),
+                "match": asdict(task.settings.match),
+                "keep": asdict(task.settings.keep),
+            },
+            make=found,
+            packed=_arrays,
+            unpacked=lambda arrays: StereoPoints(
+                *(arrays[each.name] for each in fields(StereoPoints))
+            ),
+        )
+    )
+
+
+def _arrays(points: StereoPoints) -> dict[str, NDArray[Any]]:
+    return {each.name: getattr(points, each.name) for each in fields(points)}
+
+
+def _sha256(mesh: Mesh) -> str:
+    digest = hashlib.sha256()
+    for array in (mesh.vertices, mesh.faces):
+        digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def _stereo_views(capture: Capture, task: StereoTask) -> list[StereoView]:

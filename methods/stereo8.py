@@ -124,7 +124,8 @@ class Stereo8:
         """
         begun = self.begun(capture, context)
         narrow = self._rooms.start.narrow == "on"
-        task = StereoTask(begun.views, hands_of(begun.fitted), self.settings(), narrow)
+        hands = hands_of(begun.fitted)
+        task = StereoTask(begun.views, hands, self.settings(), narrow, is_shared=True)
         pulled = pulled_to_photos(begun.start, capture, task, context)
         if context.keep:
             save_mesh(context.workdir / "start.ply", begun.start)

@@ -86,14 +86,14 @@ class MethodInfo:
         title: The name in tables.
         views: Counted from the front towards the subject's left (0 is the front, of eight 4 is the
             back), or None for all views.
-        view_count: How many of all views it takes, as evenly apart as can be; None for those in
-            ``views``.
         parts: Ingredients with their licences.
         privileges: What it is given beyond pixels.
         parameters: Every setting that influences the output, by the name of the room that it
             belongs to, such as ``body``, and by its own.
         deviations: Differences from the publication whose name the method carries; empty for a
             method that claims no publication.
+        view_count: How many of all views it takes, as evenly apart as can be; None for those in
+            ``views``.
 
     Raises:
         MethodError: parameters that are not grouped by room.
@@ -102,13 +102,13 @@ class MethodInfo:
     name: str
     title: str
     views: tuple[int, ...] | None = None
-    view_count: int | None = None
     parts: tuple[Part, ...] = ()
     privileges: tuple[Privilege, ...] = ()
     parameters: Mapping[str, Mapping[str, object]] = field(
         default_factory=dict[str, Mapping[str, object]]
     )
     deviations: tuple[Deviation, ...] = ()
+    view_count: int | None = None
 
     def __post_init__(self) -> None:
         # Methods of third parties are not type-checked with ours.

@@ -73,9 +73,10 @@ class Stereo8Psr:
             MissingPart: the body model or MediaPipe is not installed.
         """
         begun = self._stereo.begun(capture, context)
-        task = StereoTask(begun.views, hands_of(begun.fitted), self._stereo.settings())
+        settings = self._stereo.settings()
+        task = StereoTask(begun.views, hands_of(begun.fitted), settings, is_shared=True)
         with context.stage("points"):
-            found = agreed_points(begun.start, capture, task)
+            found = agreed_points(begun.start, capture, task, context.share)
         points = OrientedPoints(found.positions, found.normals)
         with context.stage("mesh"):
             outlines = [open_photo(capture, view).outline for view in begun.views]

@@ -19,6 +19,8 @@ from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.work.cost import StageMeter
+from harness.pipeline.work.shared_results import SharedResults
 from methods.catalog import METHODS
 
 SMALL = {
@@ -87,12 +89,13 @@ def moved_and_turned() -> np.ndarray:
     return transform
 
 
-def context(folder, truth: Mesh) -> Context:
+def context(folder, truth: Mesh, shared) -> Context:
     caster = Raycaster(truth)
     return Context(
         seed=0,
         workdir=folder,
         stage=lambda _: contextlib.nullcontext(),
+        share=SharedResults(shared, StageMeter(), lambda: True),
         privileged={
             Privilege.ORACLE_NORMALS: lambda camera, side="near": caster.normals(camera, side),
             Privilege.SUBJECT_CENTRE: np.zeros(3),
@@ -105,6 +108,7 @@ class Worlds:
 
     def __init__(self, method, capture: Capture, figure: Mesh, folder) -> None:
         self._method, self._capture, self._figure, self._folder = method, capture, figure, folder
+        self._shared = capture.directory / "shared"
 
     def off_mm(self, transform: np.ndarray) -> float:
         """Mean distance of the result from the figure where both are described in a world."""
@@ -117,7 +121,7 @@ class Worlds:
         truth = Mesh(self._figure.vertices @ turn.T + shift, self._figure.faces)
         cameras = tuple(camera.in_frame(transform) for camera in self._capture.cameras)
         capture = replace(self._capture, cameras=cameras)
-        mesh = self._method.reconstruct(capture, context(self._folder, truth)).mesh
+        mesh = self._method.reconstruct(capture, context(self._folder, truth, self._shared)).mesh
         return Mesh((mesh.vertices - shift) @ turn, mesh.faces)
 
 

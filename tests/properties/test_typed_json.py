@@ -148,9 +148,13 @@ PROTOCOL = to_json(MetricProtocol("exact", 1, 10, "stratified", "point-to-surfac
         (NormalMapErrors, {**MAP, "whole": None}, "an object at 'whole'; got NoneType"),
         (NormalMapErrors, {**MAP, "side": "left"}, "an unknown side .*near, far; got left"),
         (MetricProtocol, {**PROTOCOL, "sampling": 3}, "an unknown sampling .*independent"),
-        (CaptureStamp, {"key": "", "warnings": "none"}, "an array at 'warnings'; got str"),
-        (CaptureStamp, {"key": None, "warnings": []}, "text at 'key'; got NoneType"),
-        (CaptureStamp, {"key": "", "warnings": [1]}, "text at 'warnings.0'; got int"),
+        (
+            CaptureStamp,
+            {"key": "", "views": 8, "warnings": "none"},
+            "an array at 'warnings'; got str",
+        ),
+        (CaptureStamp, {"key": None, "views": 8, "warnings": []}, "text at 'key'; got NoneType"),
+        (CaptureStamp, {"key": "", "views": 8, "warnings": [1]}, "text at 'warnings.0'; got int"),
     ],
 )
 def test_a_value_of_another_type_is_refused_with_its_place(

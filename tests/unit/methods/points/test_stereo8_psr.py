@@ -13,7 +13,10 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
+from harness.pipeline.work.cost import StageMeter
+from harness.pipeline.work.shared_results import SharedResults
 from methods.from_points.stereo8_psr import stereo8_psr
+from methods.stereo import surface
 from methods.stereo8 import stereo8
 from tests.unit.methods.stereo.conftest import CAMERAS, grain, picture
 from tests.unit.methods.stereo.test_stereo8 import CENTRE_M, egg, given_body, off_mm  # noqa: F401
@@ -21,12 +24,13 @@ from tests.unit.methods.stereo.test_stereo8 import CENTRE_M, egg, given_body, of
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("given_body")
-def test_points_become_a_closed_surface_also_at_the_hands(tmp_path):
+def test_points_become_a_closed_surface_also_at_the_hands(tmp_path, monkeypatch):
     caster, rng = Raycaster(egg()), np.random.default_rng(0)
     for view, camera in enumerate(CAMERAS):
         save_png(tmp_path / image_name(view), picture(caster, camera, grain, 0.0, rng))
     capture = Capture("toy", "egg", "r", "k", tmp_path, CAMERAS)
-    context = Context(0, tmp_path, lambda _: contextlib.nullcontext(), keep=True)
+    share = SharedResults(tmp_path / "shared", StageMeter(), lambda: True)
+    context = Context(0, tmp_path, lambda _: contextlib.nullcontext(), keep=True, share=share)
     method = stereo8_psr.configured({"mesh.depth": "7", "mesh.trim": "0.1"})
     result = method.reconstruct(capture, context)
     assert result.body is not None
@@ -39,6 +43,13 @@ def test_points_become_a_closed_surface_also_at_the_hands(tmp_path):
     assert open_edges(result.mesh) > 0
     assert result.details["trimmed_area_share"] > 0
     assert {path.name for path in tmp_path.glob("*.ply")} == {"closed.ply", "trimmed.ply"}
+    # Nothing is searched again for a method that asks for the same points.
+    monkeypatch.setattr(surface, "stereo_points", None)
+    again = method.reconstruct(capture, context).mesh
+    assert again.vertices.tobytes() == result.mesh.vertices.tobytes()
+    assert share.taken == ["photo points"]
+    with pytest.raises(TypeError, match="NoneType"):
+        stereo8.configured({"match.tries": "5"}).reconstruct(capture, context)
 
 
 def test_settings_are_those_that_it_uses():
