@@ -16,10 +16,12 @@ __all__ = [
     "Jobs",
     "Json",
     "ManifestPath",
+    "MethodsToRun",
     "Protocol",
     "Reason",
     "Recipe",
     "Run",
+    "Seed",
     "Set",
     "Subjects",
     "Timeout",
@@ -49,6 +51,17 @@ ManifestPath = Annotated[
 ]
 Dataset = Annotated[
     str, typer.Option("--dataset", metavar="NAME", help="Dataset or split, as in the manifest.")
+]
+MethodsToRun = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="NAMES",
+        help="Methods to run, comma-separated; 'harness methods list' names them.",
+    ),
+]
+Seed = Annotated[
+    int, typer.Option("--seed", metavar="N", help="Random seed, from which all others derive.")
 ]
 Subjects = Annotated[
     str,

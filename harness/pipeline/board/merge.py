@@ -10,10 +10,9 @@ from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory
 from harness.pipeline.board.entries import Entry
 from harness.pipeline.board.verify import Verification
+from reports.tables.geometry import GEOMETRY_METRICS
 
 __all__ = ["MergedEntry", "merge_entry"]
-
-_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +107,6 @@ def _means(entry: Entry) -> dict[str, float]:
     records = [entry.record(subject) for subject in _proven(entry)]
     found = {
         name: [record.metrics[name].value for record in records if name in record.metrics]
-        for name in _METRICS
+        for name in GEOMETRY_METRICS
     }
     return {name: fmean(values) for name, values in found.items() if values}

@@ -21,32 +21,13 @@ from harness.geometry.images import linear_from_srgb, srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import concatenated, edges_of, open_edges
+from tests.spheres import icosphere
 
 #: A pixel spans 4.5 mm of the subject.
 CAMERAS = RingRig(views=8).cameras(270, 480)
 RADIUS = 0.5
 
 Colour = Callable[[Floats], Floats]
-
-
-def icosphere(radius: float, rounds: int = 5, centre=(0.0, 0.0, 0.0)) -> Mesh:
-    """A closed sphere of almost equal triangles."""
-    vertices = np.array(
-        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float
-    )
-    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4],
-                      [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])  # fmt: skip
-    for _ in range(rounds):
-        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        unique, index = np.unique(edges, axis=0, return_inverse=True)
-        middle = vertices[unique].mean(axis=1)
-        ab, bc, ca = (len(vertices) + index.reshape(-1, 3)).T
-        a, b, c = faces.T
-        faces = np.concatenate(
-            [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
-        vertices = np.concatenate([vertices, middle / np.linalg.norm(middle, axis=1)[:, None]])
-    return Mesh(vertices * radius + np.asarray(centre), faces, source="sphere")
 
 
 def cube(side: float, cells: int = 24) -> tuple[Mesh, np.ndarray]:

@@ -16,28 +16,9 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.hull import HullSettings, hull8
+from tests.spheres import icosphere
 
 RADIUS = 0.3
-
-
-def sphere(radius: float, centre: tuple[float, float, float] = (0, 0, 0)) -> Mesh:
-    """A fine closed sphere by subdivision of an octahedron."""
-    vertices = np.array(
-        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float
-    )
-    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4],
-                      [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])  # fmt: skip
-    for _ in range(5):
-        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        unique, index = np.unique(edges, axis=0, return_inverse=True)
-        middle = vertices[unique].mean(axis=1)
-        ab, bc, ca = (len(vertices) + index.reshape(-1, 3)).T
-        a, b, c = faces.T
-        faces = np.concatenate(
-            [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
-        vertices = np.concatenate([vertices, middle / np.linalg.norm(middle, axis=1)[:, None]])
-    return Mesh(vertices * radius + centre, faces)
 
 
 def photograph(mesh: Mesh, folder: Path, views: int = 8) -> Capture:
@@ -58,7 +39,7 @@ def context(tmp_path: Path) -> Context:
 
 def test_the_hull_of_a_sphere_touches_it_and_contains_it(tmp_path, context):
     fine = hull8.configured({"hull.voxel_m": "0.006"})
-    result = fine.reconstruct(photograph(sphere(RADIUS), tmp_path), context)
+    result = fine.reconstruct(photograph(icosphere(RADIUS), tmp_path), context)
     mesh = result.mesh
     distance = np.linalg.norm(mesh.vertices, axis=1)
     # A camera at distance d touches the equator at yaw ± arccos(r / d): of eight cameras that is
@@ -80,7 +61,7 @@ def mesh_focal() -> float:
 
 
 def test_block_pruning_changes_nothing(tmp_path, context):
-    capture = photograph(sphere(0.2, (0.1, 0.2, -0.05)), tmp_path)
+    capture = photograph(icosphere(0.2, centre=(0.1, 0.2, -0.05)), tmp_path)
     coarse = {"hull.voxel_m": "0.02"}
     pruned = hull8.configured(coarse).reconstruct(capture, context).mesh
     whole = hull8.configured({**coarse, "hull.block": "64"}).reconstruct(capture, context).mesh
@@ -88,7 +69,7 @@ def test_block_pruning_changes_nothing(tmp_path, context):
 
 
 def test_a_subject_cut_by_the_frame_is_not_carved_beyond_it(tmp_path, context):
-    tall = sphere(1.0)
+    tall = icosphere(1.0)
     stretched = Mesh(tall.vertices * (0.2, 1.12, 0.2), tall.faces)  # the frame is 2.16 m high
     mesh = (
         hull8.configured({"hull.voxel_m": "0.02"})
@@ -99,7 +80,7 @@ def test_a_subject_cut_by_the_frame_is_not_carved_beyond_it(tmp_path, context):
 
 
 def test_no_subject_is_an_error(tmp_path, context):
-    capture = photograph(sphere(RADIUS), tmp_path)
+    capture = photograph(icosphere(RADIUS), tmp_path)
     empty = np.zeros((480, 270, 4), np.uint8)
     save_png(tmp_path / image_name(3), empty)
     with pytest.raises(MethodError, match="no subject"):

@@ -12,9 +12,11 @@ from harness.cli.options import (
     Jobs,
     Json,
     ManifestPath,
+    MethodsToRun,
     Protocol,
     Reason,
     Recipe,
+    Seed,
     Set,
     Subjects,
     Timeout,
@@ -39,14 +41,6 @@ __all__ = ["app"]
 
 app = verb_group("eval")
 
-Methods = Annotated[
-    str,
-    typer.Option(
-        "--method",
-        metavar="NAMES",
-        help="Methods to run, comma-separated; 'harness methods list' names them.",
-    ),
-]
 NewRun = Annotated[
     str, typer.Option("--run", metavar="NAME", help="Folder below runs/ for the results.")
 ]
@@ -88,7 +82,7 @@ Share = Annotated[
 
 @app.command()
 def evaluate(
-    method: Methods,
+    method: MethodsToRun,
     dataset: Dataset = "avatars",
     subjects: Subjects = "",
     recipe: Recipe = "paper8",
@@ -97,9 +91,7 @@ def evaluate(
     settings: Set = None,
     row: Row = "",
     parts: Parts = OPEN,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Random seed, from which all others derive.")
-    ] = 0,
+    seed: Seed = 0,
     jobs: Jobs = 1,
     keep: Keep = False,
     reason: Reason = "",

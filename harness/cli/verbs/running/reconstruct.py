@@ -11,6 +11,8 @@ from harness.cli.display import shown_progress
 from harness.cli.options import (
     Json,
     ManifestPath,
+    MethodsToRun,
+    Seed,
     Set,
     Timeout,
     WorkspacePath,
@@ -40,14 +42,6 @@ What = Annotated[
     typer.Argument(
         metavar="CAPTURE",
         help="Name of an imported capture, a folder with a capture.json, or one photo.",
-    ),
-]
-Methods = Annotated[
-    str,
-    typer.Option(
-        "--method",
-        metavar="NAMES",
-        help="Methods to run, comma-separated; 'harness methods list' names them.",
     ),
 ]
 Output = Annotated[
@@ -84,16 +78,14 @@ Name = Annotated[
 @app.command()
 def reconstruct_photos(
     what: What,
-    method: Methods,
+    method: MethodsToRun,
     output: Output = None,
     field: Field = 0.0,
     height: Height = 1.7,
     mask: Mask = None,
     name: Name = "",
     settings: Set = None,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Seed from which all others are derived.")
-    ] = 0,
+    seed: Seed = 0,
     timeout: Timeout = 3600.0,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,

@@ -13,32 +13,13 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from methods.stereo.views import StereoView, stereo_view
+from tests.spheres import icosphere
 
 #: A pixel spans 2.25 mm of the subject, as half the resolution of ``paper8`` does.
 CAMERAS = RingRig(views=8).cameras(540, 960)
 RADIUS = 0.15
 
 Texture = Callable[[Floats], Floats]
-
-
-def icosphere(radius: float, rounds: int = 5) -> Mesh:
-    """A closed sphere around the origin."""
-    vertices = np.array(
-        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float
-    )
-    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4],
-                      [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])  # fmt: skip
-    for _ in range(rounds):
-        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        unique, index = np.unique(edges, axis=0, return_inverse=True)
-        middle = vertices[unique].mean(axis=1)
-        ab, bc, ca = (len(vertices) + index.reshape(-1, 3)).T
-        a, b, c = faces.T
-        faces = np.concatenate(
-            [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
-        vertices = np.concatenate([vertices, middle / np.linalg.norm(middle, axis=1)[:, None]])
-    return Mesh(vertices * radius, faces, source="sphere")
 
 
 def grain(points: Floats) -> Floats:

@@ -16,7 +16,8 @@ from harness.geometry.raycast import Raycaster
 from methods import stereo8 as module
 from methods.body.result import BodyFitResult
 from methods.stereo8 import stereo8
-from tests.unit.methods.stereo.conftest import CAMERAS, grain, icosphere, picture
+from tests.spheres import icosphere
+from tests.unit.methods.stereo.conftest import CAMERAS, grain, picture
 
 AXES_M = np.array([0.12, 0.3, 0.1])
 CENTRE_M = np.array([0.03, -0.02, 0.01])
