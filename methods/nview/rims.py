@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats, Ints, Mask
+from harness.core.process.threads import on_all_cores
 from methods.nview.outlines import SignedOutline
 from methods.nview.settings import FusionSettings
 from methods.nview.surfaces import Surface, lengths, unit
@@ -62,7 +63,7 @@ def rim_rows(
         normals: (V, 3) unit normals that the surface should have.
         rules: The round's rules.
     """
-    return [_rows_of(surface, view, normals, rules) for view in views]
+    return on_all_cores(lambda view: _rows_of(surface, view, normals, rules), views)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,11 +131,12 @@ def outside_rows(
     surface: Surface, outlines: Sequence[SignedOutline], length_m: float
 ) -> list[SingleRows]:
     """For each outline, rows that move vertices outside it back to it."""
-    found = []
-    for outline in outlines:
+
+    def rows_of(outline: SignedOutline) -> SingleRows:
         off_m = outline.distances_m(surface.mesh.vertices)
         vertices = np.flatnonzero(off_m < -_SLACK_M)
         slope = outline.slopes(surface.mesh.vertices[vertices], surface.directions[vertices])
         weights = surface.vertex_areas_m2[vertices] / length_m**2
-        found.append(SingleRows(vertices, slope, -off_m[vertices] - _SLACK_M, weights))
-    return found
+        return SingleRows(vertices, slope, -off_m[vertices] - _SLACK_M, weights)
+
+    return on_all_cores(rows_of, outlines)

@@ -9,6 +9,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import MethodError
+from harness.core.process.threads import on_all_cores
 from methods.nview.settings import FusionSettings
 from methods.nview.surfaces import Surface, lengths, unit
 from methods.nview.views import FusionView, NormalTargets
@@ -102,11 +103,8 @@ def sightings(
         facing_power: Exponent of the cosine to the line of sight in the weight.
         another: Least cosine between a view's normal and the face's own.
     """
-    parts = [
-        _seen_by(view, view.targets, surface, facing_power, another)
-        for view in views
-        if view.targets is not None
-    ]
+    given = [(view, view.targets) for view in views if view.targets is not None]
+    parts = on_all_cores(lambda each: _seen_by(*each, surface, facing_power, another), given)
     if not parts:
         return Sightings(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
     return Sightings(

@@ -52,7 +52,8 @@ class StereoPoints:
 
         if len(self) == 0 or len(places) == 0:
             return self
-        distance, _ = KDTree(places).query(self.positions)
+        # Farther places need no search: a distance beyond the bound is infinite.
+        distance, _ = KDTree(places).query(self.positions, distance_upper_bound=2 * least_m)
         return self.chosen(np.asarray(distance) > least_m)
 
 
@@ -143,7 +144,9 @@ def _not_alone(points: StereoPoints, near_m: float) -> StereoPoints:
     if len(points) <= _ISOLATED_NEIGHBOURS:
         return points.chosen(np.zeros(len(points), dtype=bool))
     tree = KDTree(points.positions)
-    distance, _ = tree.query(points.positions, k=_ISOLATED_NEIGHBOURS)
+    distance, _ = tree.query(
+        points.positions, k=_ISOLATED_NEIGHBOURS, distance_upper_bound=2 * near_m
+    )
     return points.chosen(distance[:, -1] < near_m)
 
 

@@ -11,6 +11,7 @@ import warp as wp
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.process.threads import on_all_cores
 from harness.geometry.raycast import Raycaster
 from methods.stereo.evidence import agreement
 from methods.stereo.kernels import device_array, launch
@@ -95,15 +96,19 @@ def _asked(
     quality = _quality(mesh, directions, [photo.camera for photo in photos], pairs, settings.facing)
     best = np.argsort(-quality, axis=1, kind="stable")[:, :_ASKED]
     offsets, correlation = np.full((count, _ASKED), np.nan), np.zeros((count, _ASKED))
-    for number, (a, b) in enumerate(pairs):
+
+    def ask(number: int) -> None:
+        # Each pair writes into places of its own.
+        two = photos[pairs[number][0]], photos[pairs[number][1]]
         for place in range(best.shape[1]):
             rows = np.flatnonzero((best[:, place] == number) & (quality[:, number] > 0))
             if len(rows):
-                two = photos[a], photos[b]
                 curve = _curves(mesh.vertices[rows], directions[rows], two, settings, pixel_m)
                 found, peak, sure = _peaks(curve, settings)
                 offsets[rows[sure], place] = found[sure]
                 correlation[rows[sure], place] = peak[sure]
+
+    on_all_cores(ask, range(len(pairs)))
     return _Asked(offsets, correlation)
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.process.threads import on_all_cores
 from methods.stereo.consistency import StereoPoints, consistent_points
 from methods.stereo.narrow import narrowed
 from methods.stereo.neighbours import neighbours, pairs
@@ -50,9 +49,7 @@ def stereo_points(
         return depth_map(view, photos, beside[view], surface, match)
 
     matched = [view for view, others in enumerate(beside) if others]
-    # Views do not wait for each other, and the kernels leave Python to other threads.
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        maps = dict(zip(matched, threads.map(found, matched), strict=True))
+    maps = dict(zip(matched, on_all_cores(found, matched), strict=True))
     held = {view: each for view, each in maps.items() if each is not None}
     return consistent_points(held, settings.keep, pixel_span_m([p.camera for p in photos], centre))
 
