@@ -28,6 +28,7 @@ METHODS = Registry(
         "stereo8": "methods.stereo8:stereo8",
         "stereo8-psr": "methods.from_points.stereo8_psr:stereo8_psr",
         "hull8": "methods.hull:hull8",
+        "hull": "methods.hull:hull",
         "gt": "methods.gt:gt",
     },
     group="harness.methods",

@@ -1,4 +1,6 @@
-"""``hull8``: the visual hull of all silhouettes, a strong classical baseline under exact cameras.
+"""``hull8`` and ``hull``: the visual hull of eight or of all silhouettes.
+
+It is a strong classical baseline under exact cameras.
 
 A point belongs to the hull when every view sees it inside the silhouette (Laurentini 1994). The
 field that is contoured is, at each point, the least over the views of its signed distance to the
@@ -21,18 +23,21 @@ from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
+from harness.geometry.hull import hull_distance
 from harness.geometry.outline import Outline
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
 from harness.geometry.topology import pieces_of
 
-__all__ = ["HullSettings", "VisualHull", "hull8"]
+__all__ = ["HullSettings", "VisualHull", "hull", "hull8"]
 
 
 #: What the settings are filed under, as in ``--set hull.voxel_m=0.002``.
 _ROOM = "hull"
 #: Views all round see a subject nearly as wide as it is; a few may look along it.
 _WIDEST = 1.5
+#: One silhouette bounds no volume.
+_LEAST_VIEWS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +75,16 @@ class VisualHull:
         """The hull of the masks of the method's views, in world metres.
 
         Raises:
-            MethodError: no point is inside all silhouettes.
+            MethodError: only one photo, or no point is inside all silhouettes.
         """
         views = self.info.views or range(len(capture.cameras))
+        if len(views) < _LEAST_VIEWS:
+            raise MethodError(
+                f"{self.info.name} needs photos from more than one side",
+                expected=f"at least {_LEAST_VIEWS} views",
+                got=f"{len(views)}",
+                hint="For one photo use 'econ' or 'body-front'",
+            )
         with context.stage("outlines"):
             outlines = [open_photo(capture, view).outline for view in views]
             place = place_of(outlines)
@@ -89,21 +101,6 @@ def _lattice(origin: Floats, counts: tuple[int, ...], step: float) -> Floats:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _hull_distance(outlines: list[Outline], points: Floats, outside_m: float) -> Singles:
-    """(N,) least signed distance over the views.
-
-    Once a view sees a point further outside than ``outside_m``, the next views are not computed for
-    it, so that its value is an upper bound.
-    """
-    distance = np.full(len(points), np.inf, dtype=np.float32)
-    open_points = np.arange(len(points))
-    for outline in outlines:
-        seen = outline.distance_m(points[open_points])
-        distance[open_points] = np.minimum(distance[open_points], seen)
-        open_points = open_points[distance[open_points] > -outside_m]
-    return distance
-
-
 def _carve(outlines: list[Outline], place: Place, settings: HullSettings) -> tuple[Floats, Singles]:
     """The field on fine voxels of the blocks that the surface may cross, and its first point."""
     edge = settings.voxel_m * settings.block
@@ -114,13 +111,11 @@ def _carve(outlines: list[Outline], place: Place, settings: HullSettings) -> tup
     # The distance to a cone changes by at most about the distance moved: half a block's diagonal
     # away, its sign cannot change. The factor covers the change of depth and the pixel grid.
     reach = 1.2 * edge * np.sqrt(3) / 2 + settings.voxel_m
-    coarse = _hull_distance(outlines, centres, reach).reshape(counts)
+    cones = [outline.distance_m for outline in outlines]
+    coarse = hull_distance(cones, centres, reach).reshape(counts)
     active = np.argwhere(np.abs(coarse) <= reach)
     if not len(active):
-        raise MethodError(
-            "the silhouettes have no common volume",
-            hint="Check the cameras: 'harness render' proves them against the scan",
-        )
+        raise _nothing_in_common()
     low, high = active.min(axis=0), active.max(axis=0) + 1
     # Inside stays inside: whole blocks take the sign of their centre.
     window = coarse[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
@@ -132,8 +127,20 @@ def _carve(outlines: list[Outline], place: Place, settings: HullSettings) -> tup
     for chunk in np.array_split(active - low, max(1, len(active) // 2000)):
         index = (chunk[:, None, :] * settings.block + offsets[None]).reshape(-1, 3)
         points = origin + settings.voxel_m * index
-        field[tuple(index.T)] = _hull_distance(outlines, points, 2 * settings.voxel_m)
+        field[tuple(index.T)] = hull_distance(cones, points, 2 * settings.voxel_m)
+    if not (field > 0).any():
+        raise _nothing_in_common()
     return origin, field
+
+
+def _nothing_in_common() -> MethodError:
+    return MethodError(
+        "the silhouettes have no common volume",
+        expected="points that all photos see inside the subject's outline",
+        got="none",
+        hint="Check that each photo has its own camera and mask; 'harness render' proves cameras "
+        "against the scan, 'harness capture import' against each other",
+    )
 
 
 def _half_extent(place: Place, margin_m: float) -> Floats:
@@ -161,13 +168,18 @@ def _without_crumbs(mesh: Mesh, minimum_share: float) -> Mesh:
     return mesh.submesh(sizes >= minimum_share * len(mesh.faces))
 
 
-hull8 = VisualHull(
-    MethodInfo(
-        name="hull8",
-        title="Visual hull, 8 views",
-        views=tuple(range(8)),
-        privileges=(Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS),
-        parameters={_ROOM: asdict(HullSettings())},
-    ),
-    HullSettings(),
-)
+def _of(name: str, title: str, views: tuple[int, ...] | None) -> VisualHull:
+    return VisualHull(
+        MethodInfo(
+            name=name,
+            title=title,
+            views=views,
+            privileges=(Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS),
+            parameters={_ROOM: asdict(HullSettings())},
+        ),
+        HullSettings(),
+    )
+
+
+hull8 = _of("hull8", "Visual hull, 8 views", tuple(range(8)))
+hull = _of("hull", "Visual hull, all views", None)

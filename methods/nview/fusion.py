@@ -13,7 +13,7 @@ from harness.geometry.surface import vertex_normals
 from methods.nview.lattices import remeshed
 from methods.nview.rims import RimRules, outside_rows, rim_rows
 from methods.nview.settings import FusionSettings
-from methods.nview.start import hull_distance
+from methods.nview.start import outlines_distance
 from methods.nview.surfaces import Surface, smoothed_along, unit, vertex_sums
 from methods.nview.system import MoveProblem, SingleRows, slope_rows
 from methods.nview.targets import FusedTargets, check_not_flipped, fused_targets
@@ -131,7 +131,7 @@ def finished_surface(mesh: Mesh, views: Sequence[FusionView], settings: FusionSe
     outlines = [view.outline for view in views]
 
     def within(points: Floats) -> Singles:
-        return hull_distance(outlines, points) + np.float32(_CUT_M)
+        return outlines_distance(outlines, points) + np.float32(_CUT_M)
 
     return one_piece(remeshed(mesh, settings.fine_m, within))
 

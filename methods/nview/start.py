@@ -14,6 +14,7 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.hull import hull_distance
 from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
 from harness.geometry.raycast import Raycaster
@@ -31,9 +32,9 @@ from methods.surface.clothed_body import clothed_body
 
 __all__ = [
     "clothed",
-    "hull_distance",
     "hull_field",
     "hull_lattice",
+    "outlines_distance",
     "start_surface",
 ]
 
@@ -92,17 +93,12 @@ def _plain(outline: SignedOutline) -> Outline:
     return Outline(outline.camera, (outline.distance_px > 0).astype(np.float64))
 
 
-def hull_distance(outlines: Sequence[SignedOutline], points: Floats) -> Singles:
+def outlines_distance(outlines: Sequence[SignedOutline], points: Floats) -> Singles:
     """(N,) least signed distance of world points (N, 3) to the outlines' cones, metres.
 
-    A point that is well outside one view is not asked of the next: its value is an upper bound.
+    Only an upper bound for points that are well outside one of them.
     """
-    distance = np.full(len(points), np.inf, dtype=np.float32)
-    asked = np.arange(len(points))
-    for outline in outlines:
-        distance[asked] = np.minimum(distance[asked], outline.distances_m(points[asked]))
-        asked = asked[distance[asked] > -_OUTSIDE_M]
-    return distance
+    return hull_distance([outline.distances_m for outline in outlines], points, _OUTSIDE_M)
 
 
 def hull_lattice(views: Sequence[FusionView], step_m: float) -> Lattice:
@@ -118,7 +114,7 @@ def hull_lattice(views: Sequence[FusionView], step_m: float) -> Lattice:
     search = Lattice(place.centre - half, _SEARCH_STEP_M, (count, count, count))
     points = search.points(_indices(search.shape))
     reach_m = _CAUTION * _SEARCH_STEP_M * np.sqrt(3) / 2
-    found = points[hull_distance(outlines, points) > -reach_m]
+    found = points[outlines_distance(outlines, points) > -reach_m]
     if not len(found):
         raise MethodError(
             "the outlines have no common volume",
@@ -140,7 +136,7 @@ def hull_field(outlines: Sequence[SignedOutline], lattice: Lattice) -> Singles:
     blocks = (-(-x // _BLOCK), -(-y // _BLOCK), -(-z // _BLOCK))
     half_m = (_BLOCK - 1) / 2 * lattice.step_m
     middles = lattice.points(_BLOCK * _indices(blocks)) + half_m
-    coarse = hull_distance(outlines, middles).reshape(blocks)
+    coarse = outlines_distance(outlines, middles).reshape(blocks)
     field = coarse
     for axis in range(3):
         field = np.repeat(field, _BLOCK, axis=axis)
@@ -149,7 +145,7 @@ def hull_field(outlines: Sequence[SignedOutline], lattice: Lattice) -> Singles:
     active = np.argwhere(np.abs(coarse) <= near_m)
     for chunk in np.array_split(active, max(1, len(active) // 4000)):
         indices = (_BLOCK * chunk[:, None, :] + inside[None]).reshape(-1, 3)
-        field[tuple(indices.T)] = hull_distance(outlines, lattice.points(indices))
+        field[tuple(indices.T)] = outlines_distance(outlines, lattice.points(indices))
     return field[:x, :y, :z]
 
 

@@ -15,7 +15,7 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from methods.hull import HullSettings, hull8
+from methods.hull import HullSettings, hull, hull8
 from tests.spheres import icosphere
 
 RADIUS = 0.3
@@ -54,6 +54,42 @@ def test_the_hull_of_a_sphere_touches_it_and_contains_it(tmp_path, context):
     edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, uses = np.unique(edges, axis=0, return_counts=True)
     assert (uses == 2).all(), "the hull is closed"
+
+
+@pytest.mark.parametrize("views", [3, 8, 13])
+def test_more_views_carve_more(tmp_path, context, views):
+    coarse = hull.configured({"hull.voxel_m": "0.01"})
+    capture = photograph(icosphere(RADIUS), tmp_path / str(views), views)
+    volume = coarse.reconstruct(capture, context).mesh.signed_volume
+    # Seen level from all round, what is left is round and about as wide as the tangents' polygon:
+    # each camera gives two, and what they enclose is at most that of ``views`` evenly spread ones.
+    sphere = 4 / 3 * np.pi * RADIUS**3
+    widest = views / np.pi * np.tan(np.pi / views)
+    assert 1.0 < volume / sphere < 1.35 * widest
+
+
+def test_all_of_eight_views_are_those_of_hull8(tmp_path, context):
+    capture = photograph(icosphere(RADIUS), tmp_path)
+    coarse = {"hull.voxel_m": "0.012"}
+    first, second = (
+        method.configured(coarse).reconstruct(capture, context).mesh for method in (hull, hull8)
+    )
+    np.testing.assert_array_equal(first.vertices, second.vertices)
+
+
+def test_one_view_bounds_no_volume(tmp_path, context):
+    with pytest.raises(MethodError, match="hull needs photos from more than one side"):
+        hull.reconstruct(photograph(icosphere(RADIUS), tmp_path, views=1), context)
+
+
+def test_outlines_that_nearly_meet_are_told_to_have_nothing_in_common(tmp_path, context):
+    far = [icosphere(0.05), icosphere(0.05)]
+    aside = Mesh(far[1].vertices + [0.0, 0.13, 0.0], far[1].faces, source="aside")
+    capture = photograph(far[0], tmp_path / "a", 2)
+    photograph(aside, tmp_path / "b", 2)
+    (tmp_path / "a" / image_name(1)).write_bytes((tmp_path / "b" / image_name(1)).read_bytes())
+    with pytest.raises(MethodError, match="no common volume"):
+        hull.reconstruct(capture, context)
 
 
 def mesh_focal() -> float:

@@ -144,7 +144,7 @@ def import_photos(
         print(f"  {line}")
     for line in made.warnings:
         print(f"  warning: {line}")
-    print(f"Next: harness reconstruct {subject} --method hull8,mexecon8")
+    print(f"Next: harness reconstruct {subject} --method hull,mexecon+")
 
 
 @app.command("list")
