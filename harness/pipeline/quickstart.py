@@ -25,9 +25,9 @@ _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickst
 
 #: Methods in the figures and on the page: all of them side by side would be too small to see.
 _DRAWN = ("hull8", "econ", "mexecon2", "mexecon8", "mexecon+")
-#: Methods without a row, because they would repeat another's: on eight photos ``hull`` is ``hull8``.
-_REPEATED = ("hull",)
 _DRAWN_BODIES = ("body-front", "body-average", "jmbo8", "jmbo8+")
+#: Methods without a row, which would repeat another's: on eight photos ``hull`` is ``hull8``.
+_REPEATED = ("hull",)
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,9 +83,9 @@ def test_one_view_bounds_no_volume(tmp_path, context):
 
 
 def test_outlines_that_nearly_meet_are_told_to_have_nothing_in_common(tmp_path, context):
-    far = [icosphere(0.05), icosphere(0.05)]
-    aside = Mesh(far[1].vertices + [0.0, 0.13, 0.0], far[1].faces, source="aside")
-    capture = photograph(far[0], tmp_path / "a", 2)
+    ball = icosphere(0.05)
+    aside = Mesh(ball.vertices + np.array([0.0, 0.13, 0.0]), ball.faces, source="aside")
+    capture = photograph(ball, tmp_path / "a", 2)
     photograph(aside, tmp_path / "b", 2)
     (tmp_path / "a" / image_name(1)).write_bytes((tmp_path / "b" / image_name(1)).read_bytes())
     with pytest.raises(MethodError, match="no common volume"):
