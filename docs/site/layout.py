@@ -27,7 +27,14 @@ INDEX = "index"
 _SOURCES = "files"
 _LINK = re.compile(r"(?<=\]\()([^)\s#]+)(?=(?:#[^)\s]*)?\))")
 #: How code of a file is coloured, by suffix.
-_LANGUAGES = {".py": "python", ".toml": "toml", ".yaml": "yaml", ".cff": "yaml", ".json": "json"}
+_LANGUAGES = {
+    ".py": "python",
+    ".toml": "toml",
+    ".yaml": "yaml",
+    ".yml": "yaml",
+    ".cff": "yaml",
+    ".json": "json",
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,6 +116,8 @@ def verify(
     else:
         for one in found:
             _print(one)
+        if not found:
+            print("Nothing is new")
     if any(one.findings for one in found):
         raise typer.Exit(1)
 
