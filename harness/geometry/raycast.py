@@ -152,7 +152,10 @@ class Raycaster:
         return covered
 
     def coverage(self, camera: Camera, *, supersample: int = 4) -> Floats:
-        """(H, W) share of each pixel's square that the mesh covers, from ``supersample``² rays."""
+        """(H, W) share of each pixel's square that the mesh covers.
+
+        Measured with ``supersample * supersample`` rays a pixel.
+        """
         width, height = camera.width, camera.height
         fine = self.mask(camera.resized(width * supersample, height * supersample))
         blocks = fine.reshape(height, supersample, width, supersample)

@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from urllib.parse import quote
 
 from harness.core.cameras.camera import Camera
+from harness.core.records import Record
 from reports.page.compact_mesh import CompactMesh
 from reports.page.method_html import record_path
-from reports.page.model import TRUTH, PageModel, PageSubject
+from reports.page.model import TRUTH, BoardModel, PageModel, PageSubject
 from reports.tables.table import Table
 
 __all__ = [
+    "board_script",
     "data_script",
     "photos_path",
     "photos_script",
@@ -80,10 +82,21 @@ def data_script(model: PageModel) -> str:
             for scalar in model.scalars
         ],
         "subjects": [_subject(subject) for subject in model.subjects],
-        "tables": {table.name: _table(table) for table in model.tables},
-        "records": _records(model),
+        **_results(model.tables, model.records),
     }
     return f"HarnessPage.data = {_json(document)};\n"
+
+
+def board_script(model: BoardModel) -> str:
+    """The script that tells a leaderboard what stands behind its numbers."""
+    return f"HarnessPage.data = {_json(_results(model.tables, model.records))};\n"
+
+
+def _results(tables: Sequence[Table], records: Sequence[Record]) -> dict[str, object]:
+    return {
+        "tables": {table.name: _table(table) for table in tables},
+        "records": _records(records),
+    }
 
 
 def _subject(subject: PageSubject) -> dict[str, object]:
@@ -134,9 +147,9 @@ def _table(table: Table) -> dict[str, object]:
     }
 
 
-def _records(model: PageModel) -> dict[str, dict[str, object]]:
+def _records(records: Sequence[Record]) -> dict[str, dict[str, object]]:
     found: dict[str, dict[str, object]] = {}
-    for record in model.records:
+    for record in records:
         found.setdefault(record.method_name, {})[record.subject] = {
             "status": record.status,
             "file": quote(record_path(record)),

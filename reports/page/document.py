@@ -6,9 +6,14 @@ from html import escape
 from urllib.parse import quote
 
 from reports.page.data_script import thumbnail_path
-from reports.page.method_html import failures_html, methods_html
+from reports.page.frame import (
+    RESULT_SECTIONS,
+    PageFrame,
+    about_html,
+    failures_section,
+    results_html,
+)
 from reports.page.model import PageModel, PageSubject
-from reports.page.table_html import tables_html
 
 __all__ = ["SCRIPTS", "page_html"]
 
@@ -28,64 +33,27 @@ _SHADINGS = (("error", "Error"), ("clay", "Clay"), ("normals", "Normals"), ("pho
 
 def page_html(model: PageModel) -> str:
     """The document; tables, methods and failures are complete in it, before any script runs."""
-    scripts = "".join(f'<script defer src="web/{name}"></script>\n' for name in SCRIPTS[:1])
-    scripts += '<script defer src="data.js"></script>\n<script defer src="web/three.js"></script>\n'
-    scripts += "".join(f'<script defer src="web/{name}"></script>\n' for name in SCRIPTS[1:])
-    return f"""\
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{escape(model.title)}: clothed people from photos</title>
-<meta name="description" content="{escape(model.lead)}">
-<link rel="icon" href="data:,">
-<link rel="stylesheet" href="web/page.css">
-{scripts}</head>
-<body>
-<a class="skip" href="#results">Skip to the tables</a>
-<header class="top">
-<div class="heading">
-<h1>{escape(model.title)}</h1>
-<p class="lead">{escape(model.lead)}</p>
-</div>
-<nav aria-label="Sections">
-<a href="#surfaces">Surfaces</a><a href="#results">Tables</a><a href="#methods">Methods</a>\
-<a href="#failures">Failures</a><a href="#about">About</a>
-<button type="button" id="theme" aria-label="Switch between dark and light">◐</button>
-</nav>
-</header>
-<main>
-{_viewer(model)}
-<section id="results" aria-labelledby="results-title">
-<h2 id="results-title">Tables</h2>
-<div class="tabs" role="tablist" aria-label="Tables" hidden></div>
-{tables_html(model.tables)}
-</section>
-<section id="methods" aria-labelledby="methods-title">
-<h2 id="methods-title">Methods</h2>
-{methods_html(model.methods)}
-</section>
-<section id="failures" aria-labelledby="failures-title">
-<h2 id="failures-title">Failures</h2>
-{failures_html(model.records, [subject.id for subject in model.subjects])}
-</section>
-<section id="about" aria-labelledby="about-title">
-<h2 id="about-title">About</h2>
-<dl class="facts">{"".join(_fact(fact.label, fact.text) for fact in model.facts)}</dl>
-<p class="fine">The 3-D view uses <a href="web/three.LICENSE.txt">three.js</a> (MIT licence). \
-This page loads nothing from a network.</p>
-</section>
-</main>
-<div id="card" class="float" role="dialog" aria-label="Details" hidden></div>
-</body>
-</html>
-"""
-
-
-def _fact(label: str, text: str) -> str:
-    return f"<div><dt>{escape(label)}</dt><dd>{escape(text)}</dd></div>"
+    first, *others = (f"web/{name}" for name in SCRIPTS)
+    frame = PageFrame(
+        title=model.title,
+        lead=model.lead,
+        scripts=(first, "data.js", "web/three.js", *others),
+        sections=("surfaces", *RESULT_SECTIONS),
+    )
+    credit = (
+        'The 3-D view uses <a href="web/three.LICENSE.txt">three.js</a> (MIT licence). '
+        "This page loads nothing from a network."
+    )
+    return frame.html(
+        "\n".join(
+            [
+                _viewer(model),
+                results_html(model.tables, model.methods),
+                failures_section(model.records, [subject.id for subject in model.subjects]),
+                about_html(model.facts, credit),
+            ]
+        )
+    )
 
 
 def _viewer(model: PageModel) -> str:

@@ -13,8 +13,10 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.records import Record
+from reports.page.board import BOARD_SCRIPTS, board_html
 from reports.page.compact_mesh import COMPACT_VERSION, CompactMesh
 from reports.page.data_script import (
+    board_script,
     data_script,
     photos_path,
     photos_script,
@@ -24,14 +26,15 @@ from reports.page.data_script import (
 )
 from reports.page.document import SCRIPTS, page_html
 from reports.page.method_html import record_path
-from reports.page.model import PageModel
+from reports.page.model import BoardModel, PageModel
 from reports.page.photos import thumbnail, webp
 
 __all__ = ["MARK_FILE", "PageFolder", "page_folder"]
 
 #: Says that a folder is a page, which may be replaced by a newer one.
 MARK_FILE = "page.json"
-_SHIPPED = (*SCRIPTS, "page.css", "three.js", "three.LICENSE.txt")
+_STYLE = "page.css"
+_SHIPPED = (*SCRIPTS, _STYLE, "three.js", "three.LICENSE.txt")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +71,28 @@ class PageFolder:
         for record in records:
             record.save(self.directory / record_path(record))
 
+    def add_record(self, shown: Record, original: Record) -> None:
+        """Write a record as it was handed in, where the page looks for the one that it shows."""
+        original.save(self.directory / record_path(shown))
+
     def finish(self, model: PageModel) -> None:
         """Write the document, its data, and what every page is shipped with."""
         self.add_records(model.records)
         self._write("data.js", data_script(model))
         self._write("index.html", page_html(model))
-        shipped = files("reports.page") / "web"
-        for name in _SHIPPED:
-            self._write(f"web/{name}", (shipped / name).read_text(encoding="utf-8"))
-        write_json(self.directory / MARK_FILE, {"page": model.title, "meshes": COMPACT_VERSION})
+        self._finish(model.title, _SHIPPED)
+
+    def finish_board(self, model: BoardModel) -> None:
+        """Write a leaderboard instead; ``add_record`` wrote its records."""
+        self._write("data.js", board_script(model))
+        self._write("index.html", board_html(model))
+        self._finish(model.title, (*BOARD_SCRIPTS, _STYLE))
+
+    def _finish(self, title: str, shipped: Sequence[str]) -> None:
+        web = files("reports.page") / "web"
+        for name in shipped:
+            self._write(f"web/{name}", (web / name).read_text(encoding="utf-8"))
+        write_json(self.directory / MARK_FILE, {"page": title, "meshes": COMPACT_VERSION})
 
     def _write(self, name: str, text: str) -> None:
         # The folder as a whole is written atomically.

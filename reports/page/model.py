@@ -12,6 +12,7 @@ from reports.tables.table import Table
 
 __all__ = [
     "TRUTH",
+    "BoardModel",
     "Fact",
     "PageMethod",
     "PageModel",
@@ -139,3 +140,26 @@ class PageModel:
     scalars: tuple[PageScalar, ...]
     opening: tuple[str, ...]
     records: tuple[Record, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BoardModel:
+    """Everything that a leaderboard shows.
+
+    Attributes:
+        title: Name of the board.
+        lead: One sentence on what is on it.
+        facts: The lines at its end.
+        tables: In the order of their tabs; names differ.
+        methods: Every row's method, in the order of the tables.
+        records: The records behind all numbers.
+        subjects: The subjects that a method should have.
+    """
+
+    title: str
+    lead: str
+    facts: tuple[Fact, ...]
+    tables: tuple[Table, ...]
+    methods: tuple[PageMethod, ...]
+    records: tuple[Record, ...]
+    subjects: tuple[str, ...]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass
-from statistics import fmean
 
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory
 from harness.pipeline.board.entries import Entry
+from harness.pipeline.board.standing import last_version, means, proven
 from harness.pipeline.board.verify import Verification
-from reports.tables.geometry import GEOMETRY_METRICS
 
 __all__ = ["MergedEntry", "merge_entry"]
 
@@ -65,8 +64,8 @@ def merge_entry(entry: Entry, verified: Verification, board: Entry) -> MergedEnt
         raise HarnessError(
             f"{board.title} is on the board already", hint="Hand it in as another version"
         )
-    last = _last_version(board)
-    lost = sorted(set(_proven(last)) - set(_proven(entry))) if last else []
+    last = last_version(board)
+    lost = sorted(set(proven(last)) - set(proven(entry))) if last else []
     if last and lost:
         raise HarnessError(
             f"{entry.title} has lost subjects that {last.title} has", got=", ".join(lost)
@@ -78,35 +77,8 @@ def merge_entry(entry: Entry, verified: Verification, board: Entry) -> MergedEnt
                     shutil.copyfile(path, temporary / path.name)
     return MergedEntry(
         entry=board,
-        subjects=len(_proven(board)),
-        means=_means(board),
-        before=_means(last) if last else {},
+        subjects=len(proven(board)),
+        means=means(board),
+        before=means(last) if last else {},
         last=last.version if last else "",
     )
-
-
-def _last_version(board: Entry) -> Entry | None:
-    """The version of this method whose folder was made last."""
-    folder = board.directory.parent
-    versions = [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
-    found = [Entry(board.root, board.method, path.name) for path in versions]
-    made = [entry for entry in found if entry.subjects()]
-    return max(made, key=_made_utc, default=None)
-
-
-def _made_utc(entry: Entry) -> str:
-    return max(entry.record(subject).created_utc for subject in entry.subjects())
-
-
-def _proven(entry: Entry) -> list[str]:
-    """Subjects with numbers."""
-    return [subject for subject in entry.subjects() if entry.record(subject).status == "ok"]
-
-
-def _means(entry: Entry) -> dict[str, float]:
-    records = [entry.record(subject) for subject in _proven(entry)]
-    found = {
-        name: [record.metrics[name].value for record in records if name in record.metrics]
-        for name in GEOMETRY_METRICS
-    }
-    return {name: fmean(values) for name, values in found.items() if values}

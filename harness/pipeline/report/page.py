@@ -14,16 +14,12 @@ from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
-from harness.pipeline.report.page_head import (
-    opening_methods,
-    page_facts,
-    page_lead,
-    page_methods,
-)
+from harness.pipeline.report.page_head import opening_methods, page_facts, page_lead
 from harness.pipeline.report.page_subjects import SubjectWriter
 from harness.pipeline.report.tables import every_table, in_order
 from harness.pipeline.run.store import RunStore
 from reports.page.folder import page_folder
+from reports.page.methods import page_methods
 from reports.page.model import PageModel
 
 __all__ = ["PageRequest", "write_page"]

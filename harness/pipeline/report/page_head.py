@@ -8,10 +8,9 @@ from harness.core.privileges import Privilege
 from harness.core.records import Record
 from harness.data.manifest import Dataset
 from reports.page.model import Fact, PageMethod, PageSubject
-from reports.tables.selection import select
 from reports.tables.table import Table
 
-__all__ = ["opening_methods", "page_facts", "page_lead", "page_methods"]
+__all__ = ["opening_methods", "page_facts", "page_lead"]
 
 #: Surfaces beside the photo and the truth that a page shows at first.
 _OPENING = 2
@@ -19,20 +18,6 @@ _OPENING = 2
 _ANSWERS = frozenset(
     {Privilege.ORACLE_NORMALS, Privilege.GROUND_TRUTH_MESH, Privilege.MADE_ELSEWHERE}
 )
-
-
-def page_methods(records: Sequence[Record]) -> tuple[PageMethod, ...]:
-    """What a reader must know of each method, in the order of the records."""
-    infos = {record.method_name: record.method for record in records}
-    return tuple(
-        PageMethod(infos[group.method], _further(group.notes), group.competes)
-        for group in select(records).groups
-    )
-
-
-def _further(notes: Sequence[str]) -> tuple[str, ...]:
-    """The footnotes that say more than the lists of parts and privileges of the same card."""
-    return tuple(note for note in notes if not note.startswith(("Given: ", "Parts: ")))
 
 
 def page_lead(records: Sequence[Record], dataset: Dataset, subjects: Sequence[PageSubject]) -> str:

@@ -19,10 +19,13 @@ from harness.cli.options import (
 )
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
+from harness.core.formats.typed_json import to_json
 from harness.data.manifest import load_manifest
+from harness.pipeline.board.compare import changed_entries, changes_markdown, compare_boards
 from harness.pipeline.board.entries import Entry, entries_in
 from harness.pipeline.board.export import export_results
 from harness.pipeline.board.merge import merge_entry
+from harness.pipeline.board.page import write_board_page
 from harness.pipeline.board.verify import Truths, Verification, verify_entry
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.tables import in_order
@@ -55,6 +58,14 @@ Complete = Annotated[
         help="Dataset or split of which no subject may be missing. Default: the records' dataset.",
     ),
 ]
+Since = Annotated[
+    Path | None,
+    typer.Option(
+        "--since",
+        metavar="BOARD",
+        help="Only results that this board does not have, or has with other files.",
+    ),
+]
 
 
 @app.command()
@@ -83,6 +94,7 @@ def verify(
     folder: Submission,
     dataset: Complete = "",
     method: Methods = "",
+    since: Since = None,
     reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
@@ -94,6 +106,9 @@ def verify(
     """
     truths = Truths(load_manifest(manifest), Workspace.default(workspace), dataset, reason)
     entries = entries_in(folder, split_names(method))
+    if since is not None:
+        new = changed_entries(since, folder)
+        entries = tuple(entry for entry in entries if entry in new)
     with shown_progress(quiet=as_json) as progress:
         found = [verify_entry(entry, truths, progress) for entry in entries]
     if as_json:
@@ -101,6 +116,8 @@ def verify(
     else:
         for one in found:
             _print(one)
+        if not found:
+            print("Nothing is new")
     if any(one.findings for one in found):
         raise typer.Exit(1)
 
@@ -121,6 +138,39 @@ def merge(
         for entry in entries_in(folder, split_names(method)):
             found = verify_entry(entry, truths, progress)
             print(merge_entry(entry, found, Entry(board, entry.method, entry.version)))
+
+
+@app.command()
+def compare(
+    base: Annotated[Path, typer.Argument(metavar="BASE", help="Board as it is.")],
+    head: Annotated[Path, typer.Argument(metavar="HEAD", help="Board as it would be.")],
+    as_json: Json = False,
+) -> None:
+    """Say in Markdown what one board changes in comparison with another.
+
+    The exit code is 1 when a new version lacks subjects that the method's last version has, or when
+    a version that is there already is changed or removed.
+    """
+    changes = compare_boards(base, head)
+    if as_json:
+        print_json([to_json(change) for change in changes])
+    else:
+        print(changes_markdown(changes), end="")
+    if any(change.faults for change in changes):
+        raise typer.Exit(1)
+
+
+@app.command()
+def page(
+    board: Board,
+    folder: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Page to write, or to replace."),
+    ],
+    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="Heading.")] = "Leaderboard",
+) -> None:
+    """Write a leaderboard as a page of files that opens without a network."""
+    print(write_board_page(board, folder, title))
 
 
 def _print(found: Verification) -> None:

@@ -1,0 +1,179 @@
+"""``harness results compare``: what a board would show that it did not show before.
+
+A version stays as it was once it is on a board: a changed or removed one is a fault, and so is a
+new version without subjects that the method's last version has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from harness.core.errors import ProtocolMismatch
+from harness.core.files.hashing import file_sha256
+from harness.core.metric_catalog import METRICS
+from harness.pipeline.board.entries import Entry, entries_in
+from harness.pipeline.board.standing import last_version, means, proven
+from reports.tables.geometry import GEOMETRY_METRICS
+from reports.tables.selection import check_comparable
+
+__all__ = ["EntryChange", "changed_entries", "changes_markdown", "compare_boards"]
+
+
+@dataclass(frozen=True, slots=True)
+class EntryChange:
+    """An entry that is not the same on two boards.
+
+    Attributes:
+        entry: Method and version.
+        against: The method's last version on the earlier board; empty if this is its first.
+        subjects: How many have numbers now.
+        failed: Subjects that were handed in without numbers.
+        means: By metric's id, over subjects with numbers now.
+        changes: By metric's id, how the mean differs from that of ``against`` over the subjects
+            that both have; empty where they cannot be compared.
+        apart: Why they cannot be compared; empty where they can.
+        faults: Why the board should not take it, as sentences without a full stop.
+    """
+
+    entry: str
+    against: str = ""
+    subjects: int = 0
+    failed: tuple[str, ...] = ()
+    means: dict[str, float] = field(default_factory=dict[str, float])
+    changes: dict[str, float] = field(default_factory=dict[str, float])
+    apart: str = ""
+    faults: tuple[str, ...] = ()
+
+
+def changed_entries(base: Path, head: Path) -> tuple[Entry, ...]:
+    """The entries of ``head`` that ``base`` does not have, or has with other files."""
+    return tuple(entry for entry in _entries(head) if _files(entry) != _files(_there(entry, base)))
+
+
+def compare_boards(base: Path, head: Path) -> tuple[EntryChange, ...]:
+    """What is not the same on two boards, by method and version.
+
+    Args:
+        base: The board as it was; it may have nothing, or not be there.
+        head: The board as it would be.
+
+    Raises:
+        DataError: a record that cannot be read.
+    """
+    removed = [entry for entry in _entries(base) if not _there(entry, head).subjects()]
+    changes = [_change(entry, _there(entry, base)) for entry in changed_entries(base, head)]
+    changes += [EntryChange(entry.title, faults=("removed",)) for entry in removed]
+    return tuple(sorted(changes, key=lambda change: change.entry))
+
+
+def changes_markdown(changes: Sequence[EntryChange]) -> str:
+    """What changes, for people: a table, and a list of faults."""
+    if not changes:
+        return "No results change.\n"
+    heads = [f"{METRICS[name].title} ({METRICS[name].unit})" for name in GEOMETRY_METRICS]
+    lines = [
+        "### What changes on the board",
+        "",
+        f"| Results | against | subjects | failed | {' | '.join(heads)} |",
+        f"| :--- | :--- | ---: | ---: |{' ---: |' * len(heads)}",
+        *(_line(change) for change in changes if change.subjects or change.failed),
+    ]
+    if any(change.changes for change in changes):
+        lines += ["", "In brackets: the change over the subjects that both versions have."]
+    lines += [
+        f"\n`{change.entry}` cannot be compared with `{change.against}`: {_quoted(change.apart)}."
+        for change in changes
+        if change.apart
+    ]
+    faults = [f"* `{change.entry}`: {fault}" for change in changes for fault in change.faults]
+    if faults:
+        lines += ["", "### Faults", "", *faults]
+    return "\n".join(lines) + "\n"
+
+
+def _change(entry: Entry, before: Entry) -> EntryChange:
+    if before.subjects():
+        faults = _altered(entry, before)
+        last: Entry | None = before
+    else:
+        faults, last = (), last_version(before)
+    change = EntryChange(
+        entry=entry.title,
+        subjects=len(proven(entry)),
+        failed=tuple(s for s in entry.subjects() if s not in proven(entry)),
+        means=means(entry),
+        faults=faults,
+    )
+    return change if last is None else _against(change, entry, last)
+
+
+def _against(change: EntryChange, entry: Entry, last: Entry) -> EntryChange:
+    """The same with what it changes in comparison with an earlier version."""
+    lost = sorted(set(proven(last)) - set(proven(entry)))
+    faults = change.faults
+    if lost:
+        faults = (*faults, f"lost subjects that `{last.title}` has: {', '.join(lost)}")
+    both = sorted(set(proven(last)) & set(proven(entry)))
+    apart, changes = "", dict[str, float]()
+    try:
+        check_comparable([each.record(subject) for subject in both for each in (last, entry)])
+        now, then = means(entry, both), means(last, both)
+        changes = {name: now[name] - then[name] for name in now if name in then}
+    except ProtocolMismatch as error:
+        apart = str(error)
+    return EntryChange(
+        entry=change.entry,
+        against=last.title,
+        subjects=change.subjects,
+        failed=change.failed,
+        means=change.means,
+        changes=changes,
+        apart=apart,
+        faults=faults,
+    )
+
+
+def _altered(entry: Entry, before: Entry) -> tuple[str, ...]:
+    """Files of a version that is on the board already and would become others."""
+    now, then = _files(entry), _files(before)
+    names = sorted(name for name in {*now, *then} if now.get(name) != then.get(name))
+    return (f"is on the board already and would change: {', '.join(names)}",)
+
+
+def _entries(root: Path) -> tuple[Entry, ...]:
+    return entries_in(root) if any(root.glob("*/*/*.json")) else ()
+
+
+def _there(entry: Entry, root: Path) -> Entry:
+    return Entry(root, entry.method, entry.version)
+
+
+def _files(entry: Entry) -> dict[str, str]:
+    paths = [
+        path
+        for subject in entry.subjects()
+        for path in (entry.record_path(subject), entry.mesh_path(subject))
+    ]
+    return {path.name: file_sha256(path) for path in paths if path.is_file()}
+
+
+def _line(change: EntryChange) -> str:
+    cells = [_number(change, name) for name in GEOMETRY_METRICS]
+    against = f"`{change.against}`" if change.against else "new"
+    counts = f"{change.subjects} | {len(change.failed)}"
+    return f"| `{change.entry}` | {against} | {counts} | {' | '.join(cells)} |"
+
+
+def _number(change: EntryChange, name: str) -> str:
+    if name not in change.means:
+        return "–"
+    digits = METRICS[name].digits
+    text = f"{change.means[name]:.{digits}f}"
+    return text + (f" ({change.changes[name]:+.{digits}f})" if name in change.changes else "")
+
+
+def _quoted(text: str) -> str:
+    """Text out of records as it is, whatever Markdown it holds."""
+    return "`" + text.replace("`", "'").replace("\n", " ").rstrip(".") + "`"
