@@ -1,7 +1,12 @@
-"""Code that runs in an interpreter of its own: other packages, other versions, one file.
+"""Code that runs in an interpreter of its own: other packages, other versions.
 
-A worker is one Python file that needs nothing of ours. ``method.toml`` beside it says how it is
-called and what has to be importable (``manifest``); the user says which interpreter has that
-(``interpreter``). Arrays go there and back in ``.npz`` files, and nothing is unpickled
-(``exchange``). ``start`` is the first file that runs there: it ends with the process that asked.
+There are two forms. A worker answers a method that runs here: one Python file that needs nothing of
+ours, a ``method.toml`` beside it that says how it is called and what has to be importable
+(``manifest``), and arrays that go there and back in ``.npz`` files (``exchange``); ``start`` is the
+first file that runs there. A whole method is a command (``command_method``): its ``method.toml``
+(``method_file``) says how it is started (``launch``), it is given photos in a folder
+(``photo_folder``), and writes one mesh file. What it runs in is part of it (``environment``).
+
+For both, the user says which interpreter it is (``interpreter``), nothing is unpickled, and nothing
+stays when the process that asked is gone (``guard``, ``running``).
 """

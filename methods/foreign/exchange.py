@@ -24,11 +24,10 @@ from harness.core.process.interrupts import require_not_stopped
 from methods.foreign import start
 from methods.foreign.interpreter import Interpreter, environment_of
 from methods.foreign.manifest import Worker
+from methods.foreign.running import shown, wait_for
 
 __all__ = ["Answer", "asked"]
 
-_POLL_S = 0.1
-_TAIL_LINES = 15
 _TEXTS = ("report", "refusal")
 
 
@@ -103,20 +102,11 @@ def _run(worker: Worker, words: list[str], environment: dict[str, str], log: Pat
                 hint="Check the interpreter that it was imported with",
             ) from error
         try:
-            while process.poll() is None:
-                require_not_stopped()
-                _wait(process)
+            wait_for(process)
         finally:
             process.kill()
             process.wait()
     return process.returncode
-
-
-def _wait(process: subprocess.Popen[bytes]) -> None:
-    try:
-        process.wait(_POLL_S)
-    except subprocess.TimeoutExpired:
-        return
 
 
 def _read(worker: Worker, path: Path) -> Answer:
@@ -128,6 +118,4 @@ def _read(worker: Worker, path: Path) -> Answer:
 
 
 def _tail(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
-    shown = [line for line in lines if line.strip()][-_TAIL_LINES:]
-    return "\n".join(f"  | {line}" for line in shown) or "  | (empty)"
+    return shown(log.read_text(encoding="utf-8", errors="replace").splitlines())

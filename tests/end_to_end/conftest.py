@@ -193,7 +193,7 @@ def photographed(world: Path, finished_world: Path) -> None:
 @pytest.fixture
 def measured(world: Path, finished_world: Path, photographed: None) -> None:
     """The world's photos and its records of ``gt`` are there already."""
-    shutil.copytree(finished_world / "runs", world / "runs")
+    shutil.copytree(finished_world / "runs", world / "runs", symlinks=True)
 
 
 @pytest.fixture

@@ -74,6 +74,17 @@ def test_a_method_of_ones_own_gets_a_row() -> None:
     assert rows["Visual hull, 8 views"][0] < rows["Ellipse stack, 2 views"][0] < 40
 
 
+@pytest.mark.slow
+def test_a_method_in_its_own_environment_gets_a_row() -> None:
+    printed = run_example("05_method_in_its_own_environment.py")
+
+    assert "environment: CPython" in printed
+    assert ", 1 distributions" in printed
+    assert "2 ok (0 cached)" in printed
+    (row,) = [line for line in printed.splitlines() if line.startswith("| Voxel carving")]
+    assert 0 < float(re.findall(r"\d+\.\d\d", row)[0]) < 12
+
+
 def test_cameras_of_all_formats_reproject() -> None:
     printed = run_example("03_cameras_of_your_own_photos.py")
 

@@ -141,7 +141,7 @@ def test_ctrl_c_at_ten_moments(tmp_path, make_world, calm):
                 place = make_world(made(tmp_path / f"row-{number}-after-{share}"))
         subprocess.run(COMMAND, cwd=place, check=True, capture_output=True, timeout=300)
         assert timeless(place) == calm.records
-        assert not [*half_written(place), *place.rglob(".attempt")]
+        assert not [*half_written(place), *place.rglob(".attempt*")]
     assert len(codes) == 10
     # Runs may come to their end before the moment, on a machine that has become faster.
     assert set(codes) <= {0, 130}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.settings import MetricProtocol
+from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import Inputs
@@ -70,7 +71,12 @@ class CellJob:
         source = Source.from_dict(values["source"])
         return cls(
             source=source,
-            method=ChosenMethod.of(values["method"], values["settings"], values["row"]),
+            method=ChosenMethod.of(
+                values["method"],
+                values["settings"],
+                values["row"],
+                added=AddedMethods.of(source.workspace),
+            ),
             protocol=source.manifest.protocol(values["protocol"]),
             seed=values["seed"],
             inputs=Inputs.from_dict(values["inputs"]),

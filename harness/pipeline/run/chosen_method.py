@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.names import checked_name
 from harness.core.process.installable import Installable
 from harness.core.protocols import Configurable, Method, MethodInfo
+from harness.pipeline.foreign.added_methods import ADDED_MODULE, AddedMethods
 from harness.pipeline.inputs.part_choice import PartChoice
 from methods.catalog import METHODS
 
@@ -41,21 +43,24 @@ class ChosenMethod:
         settings: Mapping[str, str],
         row: str = "",
         parts: PartChoice | None = None,
+        added: AddedMethods | None = None,
     ) -> ChosenMethod:
         """The method of a name, with some settings changed.
 
         Args:
-            name: In the catalogue.
+            name: In the catalogue, or among the methods that were added.
             settings: As text by name; they count more than the parts.
             row: What its records are called, if not by its name.
             parts: Parts that a user chose; None leaves the method its own.
+            added: Those of a workspace; None for none.
 
         Raises:
             HarnessError: an unknown method or setting, settings for a method that has none, or a
                 row that has the name of another method, or no settings of its own.
             MissingPart: the method, or one of its parts, is not installed.
         """
-        method: Method = METHODS.resolve(name)
+        method: Method
+        method, module = _found(name, added)
         if parts is not None and parts.papers:
             settings = {**parts.settings(method.info), **settings}
         if settings:
@@ -67,8 +72,8 @@ class ChosenMethod:
                 )
             method = method.configured(settings)
         if row:
-            _check_row(row, settings)
-        chosen = cls(row or name, name, dict(settings), METHODS.module(name), method)
+            _check_row(row, settings, added)
+        chosen = cls(row or name, name, dict(settings), module, method)
         # Asking for the parts finds missing ones now, and not after photos have been made.
         if method.info.name != name:
             raise HarnessError(
@@ -97,9 +102,19 @@ class ChosenMethod:
             self.method.require_installed()
 
 
-def _check_row(row: str, settings: Mapping[str, str]) -> None:
+def _found(name: str, added: AddedMethods | None) -> tuple[Any, str]:
+    """A method and the module that it is in; the catalogue comes first."""
+    known = added.names() if added else ()
+    if name in METHODS:
+        return METHODS.resolve(name), METHODS.module(name)
+    if added and name in known:
+        return added.method(name), ADDED_MODULE
+    raise HarnessError(f"unknown method '{name}'", hint=did_you_mean(name, [*METHODS, *known]))
+
+
+def _check_row(row: str, settings: Mapping[str, str], added: AddedMethods | None) -> None:
     checked_name("row", row)
-    if row in METHODS:
+    if row in METHODS or (added and row in added.names()):
         raise HarnessError(
             f"a row cannot be called '{row}'",
             expected="a name that no method has",
@@ -117,14 +132,16 @@ def chosen_methods(
     settings: Mapping[str, str],
     row: str = "",
     parts: PartChoice | None = None,
+    added: AddedMethods | None = None,
 ) -> tuple[ChosenMethod, ...]:
     """The methods of some names, all with the same settings, ready to run.
 
     Args:
-        names: In the catalogue.
+        names: In the catalogue, or among the methods that were added.
         settings: What a user set, as text by name; it counts more than the parts.
         row: What the records of the only method are called, if not by its name.
         parts: Parts that a user chose; None leaves each method its own.
+        added: Those of a workspace; None for none.
 
     Raises:
         HarnessError: several methods for one row, or as ``ChosenMethod.of`` and
@@ -136,7 +153,7 @@ def chosen_methods(
         )
     chosen: list[ChosenMethod] = []
     for name in names:
-        method = ChosenMethod.of(name, settings, row, parts)
+        method = ChosenMethod.of(name, settings, row, parts, added)
         method.require_installed()
         chosen.append(method)
     return tuple(chosen)
@@ -144,7 +161,7 @@ def chosen_methods(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Catalogued:
-    """All methods of the catalogue, third parties' included, with their default settings.
+    """All methods that can be named, third parties' included, with their default settings.
 
     Attributes:
         usable: The methods that describe themselves here, in the catalogue's order.
@@ -158,14 +175,14 @@ class Catalogued:
     missing: Mapping[str, HarnessError]
 
 
-def catalogued_methods() -> Catalogued:
-    """Every method of the catalogue, or the reason why it cannot be used."""
+def catalogued_methods(added: AddedMethods | None = None) -> Catalogued:
+    """Every method of the catalogue, and those added, or the reason why it cannot be used."""
     usable: list[ChosenMethod] = []
     failures: dict[str, HarnessError] = {}
     missing: dict[str, HarnessError] = {}
-    for name in METHODS:
+    for name in (*METHODS, *(added.names() if added else ())):
         try:
-            usable.append(ChosenMethod.of(name, {}))
+            usable.append(ChosenMethod.of(name, {}, added=added))
         except HarnessError as error:
             failures[name] = error
             continue

@@ -154,7 +154,7 @@ def _score_subject(
         scale_rule=request.truth.dataset.scale,
         inputs=found.inputs.to_dict() if found.inputs else {},
     )
-    return folder.file(record, own_failure=found.by_mesh)
+    return folder.file(record, folder.new_attempt(), own_failure=found.by_mesh)
 
 
 def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path | None) -> _Scored:

@@ -27,6 +27,7 @@ from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.plan import Cell, EvalRequest, SubjectFiles, plan
+from harness.pipeline.run.publication import Attempt
 from harness.pipeline.run.store import Outcome
 
 __all__ = ["EvalSummary", "evaluate"]
@@ -157,23 +158,23 @@ class _Run:
         for _ in range(_ATTEMPTS):
             if isinstance(files, HarnessError):
                 waiting = self.request.waiting_cell(method, subject, str(files))
-                return self._filed(waiting, _failure(files, by_method=False))
+                failure = _failure(files, by_method=False)
+                return self._filed(waiting, failure, waiting.folder.new_attempt())
             cell = self.request.cell(method, files)
             if cell.record is not None:
                 return Outcome(cell.record, cached=True)
-            result = self._result(cell)
+            attempt = cell.folder.new_attempt()
+            result = self._result(cell, attempt)
             if result.status != "changed":
-                return self._filed(cell, result)
+                return self._filed(cell, result, attempt)
             reason = result.reason
             self.progress.say(f"{method.row} on {subject} is planned again: {reason}")
             files = self._files(subject)
-        failure = f"after {_ATTEMPTS} attempts, {reason}"
+        given_up = CellResult("failed", f"after {_ATTEMPTS} attempts, {reason}", by_method=False)
         # Which photos the last attempt saw is not known.
-        return self._filed(
-            replace(cell, files=None), CellResult("failed", failure, by_method=False)
-        )
+        return self._filed(replace(cell, files=None), given_up, cell.folder.new_attempt())
 
-    def _result(self, cell: Cell) -> CellResult:
+    def _result(self, cell: Cell, attempt: Attempt) -> CellResult:
         """What a worker made of a planned cell."""
         assert cell.inputs is not None
         request = self.request
@@ -183,13 +184,13 @@ class _Run:
             protocol=request.protocol,
             seed=request.seed,
             inputs=cell.inputs,
-            folder=cell.folder.new_attempt(),
+            folder=attempt.results,
             keep=request.keep,
             share=request.share,
         )
         try:
             values = run_worker(
-                _WORKER, job.to_dict(), log=cell.folder.log, timeout_s=request.timeout_s
+                _WORKER, job.to_dict(), log=attempt.log, timeout_s=request.timeout_s
             )
         except WorkerDied as error:
             # Memory may have run out because of others, and a person may have killed it.
@@ -198,9 +199,9 @@ class _Run:
             return _failure(error, by_method=False)
         return CellResult.from_dict(values)
 
-    def _filed(self, cell: Cell, result: CellResult) -> Outcome:
+    def _filed(self, cell: Cell, result: CellResult, attempt: Attempt) -> Outcome:
         record = _record(self.request, cell, result)
-        return cell.folder.file(record, own_failure=result.by_method)
+        return cell.folder.file(record, attempt, own_failure=result.by_method)
 
 
 def _failure(error: HarnessError, *, by_method: bool) -> CellResult:

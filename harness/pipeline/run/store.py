@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import contextlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,12 +14,19 @@ from harness.core.files.hashing import file_sha256
 from harness.core.files.names import checked_name
 from harness.core.records import Record
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run.publication import (
+    Attempt,
+    abandon,
+    collect,
+    file_of,
+    link_results,
+    publish,
+)
 
 __all__ = ["CellFolder", "Outcome", "RunStore"]
 
 _RUN_FILE = "run.json"
 _RECORD_FILE = "record.json"
-_RESULTS = ("mesh.ply", "body.npz", "normals.npz", "work")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +70,6 @@ class CellFolder:
 
     directory: Path
 
-    @property
-    def log(self) -> Path:
-        """What the worker printed at the last attempt."""
-        return self.directory / "log.txt"
-
-    @property
-    def _attempt(self) -> Path:
-        return self.directory / ".attempt"
-
     def record(self) -> Record | None:
         """The cell's record, or None where there is none yet.
 
@@ -90,26 +88,30 @@ class CellFolder:
         """
         with exclusive_lock(self.directory / ".lock"):
             remove_leftovers(self.directory / _RECORD_FILE)
-            self.new_attempt()
+            with contextlib.suppress(DataError):
+                found = self.record()
+                collect(self.directory, found)
+                if found is not None:
+                    link_results(self.directory, found)
             try:
                 yield
             finally:
-                shutil.rmtree(self._attempt, ignore_errors=True)
+                abandon(self.directory)
 
-    def new_attempt(self) -> Path:
-        """A fresh folder for the results of one attempt at a cell that is held.
+    def new_attempt(self) -> Attempt:
+        """The folder of a fresh attempt at a cell that is held; earlier ones are gone.
 
         What the cell holds stays untouched until ``file``.
         """
-        shutil.rmtree(self._attempt, ignore_errors=True)
-        self._attempt.mkdir(parents=True)
-        return self._attempt
+        abandon(self.directory)
+        return Attempt.begin(self.directory)
 
-    def file(self, record: Record, *, own_failure: bool = True) -> Outcome:
-        """Put a record, and the results of the last attempt, in the place of what the cell holds.
+    def file(self, record: Record, attempt: Attempt, *, own_failure: bool = True) -> Outcome:
+        """Put a record and the results of an attempt in the place of what the cell holds.
 
         Args:
             record: The new record of this cell, which is held.
+            attempt: What it was made in.
             own_failure: Whether a failure is the method's; one that is not leaves a good record.
 
         Raises:
@@ -118,9 +120,9 @@ class CellFolder:
         if record.status != "ok" and not own_failure:
             good = self._good_record()
             if good is not None:
+                attempt.keep_log(self.directory)
                 return Outcome(good, kept=record.reason)
-        self._put_in_place(record)
-        return Outcome(record)
+        return Outcome(publish(self.directory, attempt, record))
 
     def _good_record(self) -> Record | None:
         try:
@@ -128,17 +130,6 @@ class CellFolder:
         except DataError:
             return None
         return found if found is not None and found.status == "ok" else None
-
-    def _put_in_place(self, record: Record) -> None:
-        for name in _RESULTS:
-            new, old = self._attempt / name, self.directory / name
-            if old.is_dir():
-                shutil.rmtree(old)
-            if name in record.files or (record.status == "ok" and new.is_dir()):
-                new.replace(old)
-            else:
-                old.unlink(missing_ok=True)
-        record.save(self.directory / _RECORD_FILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +186,7 @@ class RunStore:
         Raises:
             DataError: the record has none, or the file is gone or another one.
         """
-        path = self.cell(record.method_name, record.subject).directory / name
+        path = file_of(self.cell(record.method_name, record.subject).directory, record, name)
         expected = record.files.get(name)
         if expected is None:
             raise DataError(

@@ -28,6 +28,7 @@ from harness.cli.options import (
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
+from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
 from harness.pipeline.inputs.sealed import announce
 from harness.pipeline.inputs.sources import Source
@@ -118,7 +119,11 @@ def evaluate(
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
         methods=chosen_methods(
-            split_names(method), parsed_settings(settings), row, parsed_parts(parts)
+            split_names(method),
+            parsed_settings(settings),
+            row,
+            parsed_parts(parts),
+            AddedMethods.of(place),
         ),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),

@@ -24,6 +24,7 @@ from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.core.formats.typed_json import to_json
 from harness.data.manifest import load_manifest
+from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.photos.reconstruct import (
     Assumptions,
@@ -97,12 +98,14 @@ def reconstruct_photos(
     pictures and the figures. Of one photo, camera and size are assumed, and it is said what. The
     exit code is 1 when a method failed.
     """
+    place = Workspace.default(workspace)
+    added = AddedMethods.of(place)
     request = ReconstructRequest(
         what=what,
-        methods=chosen_methods(split_names(method), parsed_settings(settings)),
+        methods=chosen_methods(split_names(method), parsed_settings(settings), added=added),
         output=output,
         manifest=load_manifest(manifest),
-        workspace=Workspace.default(workspace),
+        workspace=place,
         assumed=Assumptions(field, height, mask),
         name=name,
         seed=seed,

@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Json, Set, parsed_settings
+from harness.cli.options import Json, Set, WorkspacePath, parsed_settings
 from harness.cli.output import deliver, print_json
 from harness.cli.verb_list import verb_group
+from harness.pipeline.foreign.added_methods import AddedMethods
+from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.method_pages import markdown_pages, text_page
 from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods
 
@@ -19,9 +21,9 @@ app = verb_group("methods")
 
 
 @app.command("list")
-def list_methods(as_json: Json = False) -> None:
+def list_methods(workspace: WorkspacePath = None, as_json: Json = False) -> None:
     """List every method with its title, how many views it uses, and what it is given."""
-    catalogued = catalogued_methods()
+    catalogued = catalogued_methods(AddedMethods.of(Workspace.default(workspace)))
     infos = {method.name: method.info for method in catalogued.usable}
     failures = {name: str(error) for name, error in catalogued.failures.items()}
     missing = {name: str(error) for name, error in catalogued.missing.items()}
@@ -48,14 +50,50 @@ def show(
         ),
     ],
     settings: Set = None,
+    workspace: WorkspacePath = None,
     as_json: Json = False,
 ) -> None:
     """Show a method's views, parts, privileges and settings, and how it differs from its paper."""
-    info = ChosenMethod.of(name, parsed_settings(settings)).info
+    added = AddedMethods.of(Workspace.default(workspace))
+    info = ChosenMethod.of(name, parsed_settings(settings), added=added).info
     if as_json:
         print_json(info.to_dict())
     else:
         print(text_page(info))
+
+
+@app.command("add")
+def add(
+    path: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="The method's method.toml, or the folder with it."),
+    ],
+    workspace: WorkspacePath = None,
+    as_json: Json = False,
+) -> None:
+    """Add a method that runs in an environment of its own to the workspace.
+
+    It stays where it is. From then on 'harness eval' runs it by its name. All files in its folder,
+    and all that is installed in its environment, count in its records.
+    """
+    method = AddedMethods.of(Workspace.default(workspace)).add(path)
+    info = method.info
+    if as_json:
+        print_json({"folder": str(method.file.folder), **info.to_dict()})
+        return
+    print(f"{info.name}: {info.title}, from {method.file.folder}")
+    print(f"environment: {method.environment().text}")
+    print(f"Next: harness eval --method {info.name}")
+
+
+@app.command("remove")
+def remove(
+    name: Annotated[str, typer.Argument(metavar="METHOD", help="Name of a method that was added.")],
+    workspace: WorkspacePath = None,
+) -> None:
+    """Take a method that was added from the workspace; its folder and its records stay."""
+    folder = AddedMethods.of(Workspace.default(workspace)).remove(name)
+    print(f"{name} is no method of the workspace any more; {folder} stays")
 
 
 @app.command("docs")

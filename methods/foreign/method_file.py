@@ -1,0 +1,255 @@
+"""``method.toml`` of a whole method: photos in a folder, a command, one mesh file.
+
+    name = "voxel-carving"
+    title = "Voxel carving in one file"
+    licence = "Apache-2.0"
+    command = ["{python}", "run.py", "--photos", "{photos}", "--out", "{mesh}"]
+    python = ".venv/bin/python"                       # or conda = "NAME", or image = "NAME"
+    privileges = ["known_cameras", "exact_masks"]
+    views = [0, 2, 4, 6]                              # counted from the front; all without it
+    deterministic = true
+    [settings.carve]
+    voxel_m = 0.02
+
+A worker of a method that runs here has another form (``methods.foreign.manifest``).
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import DataError
+from harness.core.files.names import NAME_RULE, is_name
+from harness.core.formats.mesh_files import MESH_SUFFIXES
+from harness.core.privileges import Privilege
+
+__all__ = ["METHOD_FILE", "MethodFile", "Value", "read_method"]
+
+METHOD_FILE = "method.toml"
+Value = bool | int | float | str
+
+#: Words of a command that are filled in for each subject; both of the first are needed.
+_NEEDED = ("photos", "mesh")
+_WORDS = (*_NEEDED, "python", "folder", "seed")
+_BRACES = re.compile(r"\{([^{}]*)\}")
+_ROOM = re.compile(r"[a-z][a-z0-9_]*")
+_UPS = ("+y", "+z")
+#: What only a method in this process can be handed.
+_NOT_LENT = (Privilege.GROUND_TRUTH_MESH, Privilege.ORACLE_NORMALS, Privilege.MADE_ELSEWHERE)
+
+
+@dataclass(frozen=True, slots=True)
+class MethodFile:
+    """A method that runs in an environment of its own.
+
+    Attributes:
+        folder: Where its ``method.toml`` lies; the command runs there.
+        name: The name on the command line.
+        title: The name in tables.
+        licence: Of the method's code and weights.
+        command: Its words; ``{photos}`` and such are filled in.
+        version: What the method calls itself, for readers.
+        python: An interpreter, in the folder if relative; None leaves the harness's own.
+        conda: Name of a conda environment; empty for none.
+        image: Name of a container image; empty for none.
+        views: As in ``MethodInfo``.
+        view_count: As in ``MethodInfo``.
+        privileges: What it is given beyond pixels.
+        deterministic: Whether the seed changes nothing.
+        mesh: Name of the mesh file that it writes.
+        up: The vertical axis of poses and mesh: ``+y`` (the subject faces +Z) or ``+z`` (it faces
+            -Y, as in Blender and nerfstudio).
+        settings: What a user may change, by room.
+    """
+
+    folder: Path
+    name: str
+    title: str
+    licence: str
+    command: tuple[str, ...]
+    version: str = ""
+    python: str | None = None
+    conda: str = ""
+    image: str = ""
+    views: tuple[int, ...] | None = None
+    view_count: int | None = None
+    privileges: tuple[Privilege, ...] = ()
+    deterministic: bool = False
+    mesh: str = "mesh.ply"
+    up: str = "+y"
+    settings: Mapping[str, Mapping[str, Value]] = field(
+        default_factory=dict[str, Mapping[str, Value]]
+    )
+
+    @property
+    def path(self) -> Path:
+        """The file itself."""
+        return self.folder / METHOD_FILE
+
+    @property
+    def uses_seed(self) -> bool:
+        """Whether the command is given a seed."""
+        return any("{seed}" in word for word in self.command)
+
+    def words(self, filled: Mapping[str, str]) -> list[str]:
+        """The command with the words in braces filled in."""
+        return [_BRACES.sub(lambda found: filled[found[1]], word) for word in self.command]
+
+
+def read_method(path: Path) -> MethodFile:
+    """The method that a ``method.toml``, or the folder with one, describes.
+
+    Raises:
+        DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
+    """
+    path = path / METHOD_FILE if path.is_dir() else path
+    if path.name != METHOD_FILE:
+        raise DataError(f"{path} does not describe a method", expected=f"a file {METHOD_FILE}")
+    try:
+        entries = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"no readable file at {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise DataError(f"{path} is not TOML: {error}") from error
+    known = [each.name for each in fields(MethodFile) if each.name != "folder"]
+    needed = ("name", "title", "licence", "command")
+    unknown = [name for name in entries if name not in known]
+    missing = [name for name in needed if name not in entries]
+    if unknown or missing:
+        raise DataError(
+            f"{path} does not describe a method",
+            expected=f"{', '.join(needed)}; optional: "
+            f"{', '.join(name for name in known if name not in needed)}",
+            got=_said(unknown, missing),
+        )
+    read = {name: _READERS[name](path, name, value) for name, value in entries.items()}
+    method = MethodFile(folder=path.parent.resolve(), **read)
+    _check(path, method)
+    return method
+
+
+def _said(unknown: list[str], missing: list[str]) -> str:
+    found = [f"no {name}" for name in missing] + [f"an unknown '{name}'" for name in unknown]
+    return ", ".join(found)
+
+
+def _check(path: Path, method: MethodFile) -> None:
+    problem = _problem(method)
+    if problem:
+        raise DataError(f"{path} does not describe a method that can run: {problem}")
+
+
+def _problem(method: MethodFile) -> str:
+    """What is wrong with entries that are each of the right type; empty where nothing is."""
+    places = [bool(method.python), bool(method.conda), bool(method.image)]
+    lent = [each.value for each in method.privileges if each in _NOT_LENT]
+    settings = [f"{room}.{name}" for room, own in method.settings.items() for name in own]
+    words = [word for text in method.command for word in _BRACES.findall(text)]
+    unknown = [word for word in words if word not in (*_WORDS, *settings)]
+    left = [word for word in _NEEDED if word not in words]
+    problems = {
+        f"'{method.name}' cannot be a name ({NAME_RULE})": not is_name(method.name),
+        "give one of python, conda and image": sum(places) > 1,
+        f"a foreign process cannot be given {', '.join(lent)}": bool(lent),
+        "give views or view_count, not both": method.views is not None
+        and method.view_count is not None,
+        "views must be distinct, from 0 on": method.views is not None
+        and (
+            not method.views or min(method.views) < 0 or len(set(method.views)) < len(method.views)
+        ),
+        "view_count must be at least 1": method.view_count is not None and method.view_count < 1,
+        f"the command has unknown words {', '.join(f'{{{word}}}' for word in unknown)}": bool(
+            unknown
+        ),
+        f"the command does not take {', '.join(f'{{{word}}}' for word in left)}": bool(left),
+        "deterministic says that there is no seed, and the command takes {seed}": (
+            method.deterministic and method.uses_seed
+        ),
+        f"mesh must be a file name that ends in {' '.join(MESH_SUFFIXES)}": Path(method.mesh).name
+        != method.mesh
+        or Path(method.mesh).suffix not in MESH_SUFFIXES,
+        f"up must be {' or '.join(_UPS)}": method.up not in _UPS,
+    }
+    return "; ".join(text for text, is_so in problems.items() if is_so)
+
+
+def _text(path: Path, name: str, value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise DataError(f"'{name}' in {path} is not a text", got=repr(value))
+    return value
+
+
+def _texts(path: Path, name: str, value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or not value:
+        raise DataError(f"'{name}' in {path} is not a list of texts", got=repr(value))
+    return tuple(_text(path, name, each) for each in value)
+
+
+def _number(path: Path, name: str, value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise DataError(f"'{name}' in {path} is not a whole number", got=repr(value))
+    return value
+
+
+def _numbers(path: Path, name: str, value: object) -> tuple[int, ...]:
+    if not isinstance(value, list):
+        raise DataError(f"'{name}' in {path} is not a list of whole numbers", got=repr(value))
+    return tuple(_number(path, name, each) for each in value)
+
+
+def _switch(path: Path, name: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise DataError(f"'{name}' in {path} is neither true nor false", got=repr(value))
+    return value
+
+
+def _privileges(path: Path, name: str, value: object) -> tuple[Privilege, ...]:
+    texts = _texts(path, name, value) if value != [] else ()
+    known = [each.value for each in Privilege]
+    for text in texts:
+        if text not in known:
+            raise DataError(
+                f"'{name}' in {path} has an unknown one", expected=", ".join(known), got=text
+            )
+    return tuple(Privilege(text) for text in texts)
+
+
+def _settings(path: Path, name: str, value: object) -> dict[str, dict[str, Value]]:
+    found: dict[str, dict[str, Value]] = {}
+    rooms = value if isinstance(value, dict) else {name: value}
+    for room, own in rooms.items():
+        values = own if isinstance(own, dict) else {"": None}
+        for setting, each in values.items():
+            named = _ROOM.fullmatch(room) and _ROOM.fullmatch(setting)
+            if not named or not isinstance(each, bool | int | float | str):
+                raise DataError(
+                    f"'{name}' in {path} are not settings by room",
+                    expected="a table such as [settings.carve] with voxel_m = 0.02",
+                    got=f"{room}: {own!r}",
+                )
+            found.setdefault(room, {})[setting] = each
+    return found
+
+
+_READERS: Mapping[str, Callable[[Path, str, object], Any]] = {
+    "name": _text,
+    "title": _text,
+    "licence": _text,
+    "command": _texts,
+    "version": _text,
+    "python": _text,
+    "conda": _text,
+    "image": _text,
+    "views": _numbers,
+    "view_count": _number,
+    "privileges": _privileges,
+    "deterministic": _switch,
+    "mesh": _text,
+    "up": _text,
+    "settings": _settings,
+}
