@@ -90,7 +90,7 @@ def _crossed(values: Singles) -> Mask:
         for z in (0, 1)
     ]
     mixed = np.logical_or.reduce(corners) & ~np.logical_and.reduce(corners)
-    return np.asarray(binary_dilation(mixed, np.ones((3, 3, 3))))
+    return np.asarray(binary_dilation(mixed, np.ones((3, 3, 3)))).astype(bool)
 
 
 def _around(voxels: Mask, cells: int) -> Mask:
