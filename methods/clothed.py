@@ -9,31 +9,34 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
 from harness.core.arrays import Mask
 from harness.core.artifacts import Capture, Reconstruction
+from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_path
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, Part
 from harness.core.settings import by_room, check_choice, overridden
 from harness.geometry.images import save_png
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
+from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import concatenated
 from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
 from methods.body_fit import BodyFit
+from methods.ifnet.completion import completed_by_network, ifnet_part
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
 from methods.publications.published import Published
 from methods.stages import Stages, contact_sheet
 from methods.surface.clothed_body import clothed_body
-from methods.surface.completion import BodyCompletion, CompletionParameters
+from methods.surface.completion import BodyCompletion, CompletionParameters, without_vertices
 from methods.surface.device_solver import require_device
 from methods.surface.front_back import (
     BodyDepth,
@@ -64,7 +67,9 @@ class ClothedSettings:
             out to the silhouettes of all views; one or two do not show the sides.
         device: What solves the integration's linear systems: ``cpu``, or a GPU such as ``cuda`` or
             ``cuda:1``, which sums in another order.
-        covered_m: The body is dropped within this distance of the sheets, metres.
+        completion: What fills the sheets' gaps: ``body``, or ``ifnet``, the surface that ECON's
+            IF-Nets+ makes of sheets and body, which the user imported.
+        covered_m: What completes is dropped within this distance of the sheets, metres.
         hands: ``detected`` puts in the body's hands that the detector found in the first photo, as
             ECON does, ``body`` both; ``sheets`` leaves what is seen.
         poisson_depth: Depth of the fusion's octree.
@@ -80,6 +85,7 @@ class ClothedSettings:
     thickness_m: float = 0.02
     clothes: str = "uniform"
     device: str = "cpu"
+    completion: str = "body"
     covered_m: float = 0.02
     hands: str = "sheets"
     poisson_depth: int = 10
@@ -88,6 +94,7 @@ class ClothedSettings:
     def __post_init__(self) -> None:
         check_choice("hands", self.hands, ("detected", "body", "sheets"))
         check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
+        check_choice("completion", self.completion, ("body", "ifnet"))
         if not re.fullmatch(r"cpu|cuda(:\d+)?", self.device):
             raise HarnessError(
                 f"setting 'device' cannot be '{self.device}'", expected="cpu, cuda or cuda:1"
@@ -97,7 +104,7 @@ class ClothedSettings:
                 f"setting 'resolution' cannot be '{self.resolution}'", expected="64 to 4096 pixels"
             )
         # Refuses settings that do not go together before anything runs.
-        _ = self.normal_choice, self.fusion, self.integration, self.completion
+        _ = self.normal_choice, self.fusion, self.integration, self.body_completion
 
     @property
     def normal_choice(self) -> NormalChoice:
@@ -115,9 +122,19 @@ class ClothedSettings:
         )
 
     @property
-    def completion(self) -> CompletionParameters:
+    def body_completion(self) -> CompletionParameters:
         """How the body completes the sheets."""
         return CompletionParameters(covered_m=self.covered_m)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The normal estimator, and the network that completes where there is one.
+
+        Raises:
+            MissingPart, DataError: as ``NormalChoice.part`` and ``ifnet_part``.
+        """
+        completing = (ifnet_part(),) if self.completion == "ifnet" else ()
+        return self.normal_choice.part, *completing
 
     @property
     def fusion(self) -> FusionParameters:
@@ -189,7 +206,7 @@ class ClothedMethod:
             name=self._names[0],
             title=self._names[1],
             views=fit.views,
-            parts=tuple(dict.fromkeys((*fit.parts, choice.part))),
+            parts=tuple(dict.fromkeys((*fit.parts, *self.settings.parts))),
             privileges=tuple(dict.fromkeys((*fit.privileges, *choice.privileges))),
             parameters=parameters,
             deviations=self._published.deviations(parameters) if self._published else (),
@@ -227,7 +244,8 @@ class ClothedMethod:
             depths = [integrated(each, rules, device) for each in maps]
             sheets = self._plan.sheets(list(zip(maps, depths, strict=True)))
         with context.stage("completion"):
-            parts = self._parts(sheets, fit, shape)
+            camera = capture.cameras[self._plan.views[0]]
+            parts = self._parts(sheets, fit, shape, camera)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
         if context.keep:
@@ -254,16 +272,25 @@ class ClothedMethod:
             maps.append(view_maps(view, caster, estimator))
         return maps
 
-    def _parts(self, sheets: list[Mesh], fit: BodyFitResult, shape: Mesh) -> list[Mesh]:
+    def _parts(
+        self, sheets: list[Mesh], fit: BodyFitResult, shape: Mesh, camera: Camera
+    ) -> list[Mesh]:
         """Sheets, completion and hands: what is fused."""
         skin, omitted = fit.skin, np.logical_or.reduce(list(fit.regions.values()))
+        learned = []
+        if self.settings.completion == "ifnet":
+            learned = [_learned(sheets, skin, fit.regions["eyeballs"], camera)]
         replaced = self._replaced_hands(fit)
         hands = [body_hands(skin, replaced)] if replaced.any() else []
         if hands:
             sheets = without_hands(sheets, skin, replaced)
+            learned = without_hands(learned, skin, replaced)
         seen = concatenated([*sheets, *hands])
-        completion = BodyCompletion(self.settings.completion)(seen, shape, omitted)
-        return [*sheets, *([] if completion is None else [completion]), *hands]
+        if self.settings.completion == "ifnet":
+            gaps = [_uncovered(whole, seen, self.settings.covered_m) for whole in learned]
+        else:
+            gaps = [BodyCompletion(self.settings.body_completion)(seen, shape, omitted)]
+        return [*sheets, *(gap for gap in gaps if gap is not None), *hands]
 
     def _replaced_hands(self, fit: BodyFitResult) -> Mask:
         """(V,) the hands of the body that stand in for those of the sheets."""
@@ -273,6 +300,21 @@ class ClothedMethod:
         if self.settings.hands == "sheets":
             return np.zeros_like(left)
         return left & fit.hands_found[0] | right & fit.hands_found[1]
+
+
+def _learned(sheets: list[Mesh], skin: Mesh, eyeballs: Mask, camera: Camera) -> Mesh:
+    """The closed surface that the network makes of the sheets, world metres."""
+    body = without_vertices(skin, eyeballs)
+    assert body is not None, "a body is more than its eyes"
+    front, back = sheets
+    return completed_by_network((front, back), body, camera)
+
+
+def _uncovered(whole: Mesh, seen: Mesh, covered_m: float) -> Mesh | None:
+    """What of a completed surface is not within a distance of what is seen."""
+    _, distance = SurfaceIndex(seen).closest(whole.vertices)
+    rest = without_vertices(whole, distance < covered_m)
+    return None if rest is None else replace(rest, source="completion")
 
 
 def _keep(context: Context, stages: Stages) -> None:

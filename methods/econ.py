@@ -14,7 +14,7 @@ from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod, ClothedSettings, SheetPlan
 from methods.fit_settings import ECON_FIT
 from methods.normals import ViewMaps
-from methods.publications.deviations import ECON
+from methods.publications.completion import ECON
 from methods.surface import FrontBackDepth, front_back_sheets
 
 __all__ = ["econ"]

@@ -26,7 +26,7 @@ from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod, ClothedSettings, SheetPlan
 from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import ViewMaps
-from methods.publications.deviations import MEXECON, MEXECON_CEILING
+from methods.publications.completion import MEXECON, MEXECON_CEILING
 from methods.surface import FrontBackDepth, SheetParameters
 from methods.surface.sheets import depth_sheet
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from harness.core.errors import MissingPart
 from harness.data.manifest import Dataset, Manifest
-from harness.data.thuman import FileCheck, check_subject
+from harness.data.subjects import check_files
+from harness.data.thuman import FileCheck
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 
@@ -84,16 +85,13 @@ def check_tree(
     resolved, dataset, chosen = manifest.select(name, subjects)
     if dataset.kind == "captures":
         return _imported_tree(dataset, workspace, resolved, chosen)
-    needs_fit = "fit" in (dataset.scale, dataset.facing)
     try:
         root = manifest.root(resolved, workspace.root)
         hint = f"Root: {root}"
     except MissingPart as error:
         root, hint = Path(dataset.root), error.hint
     files = tuple(
-        entry
-        for subject in chosen
-        for entry in check_subject(root, subject, needs_fit=needs_fit, sha256=dataset.sha256)
+        entry for subject in chosen for entry in check_files(dataset, root, subject, dataset.sha256)
     )
     wrong = [entry for entry in files if entry.state != "present"]
     if not wrong:

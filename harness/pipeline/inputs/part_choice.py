@@ -37,6 +37,7 @@ _PARTS: dict[str, tuple[str, str, tuple[_Exchange, ...]]] = {
             _Exchange(f"{room}.normals", "open", "econ") for room in ("body", "surface", "nview")
         ),
     ),
+    "completion": ("body", "ifnet", (_Exchange("surface.completion", "body", "ifnet"),)),
 }
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from harness.core.artifacts import Scan
 from harness.core.mesh import Mesh
 from harness.data.manifest import Dataset, Manifest
-from harness.data.scans import load_scan
+from harness.data.subjects import load_subject
 from harness.pipeline.inputs.workspace import Workspace
 
 __all__ = ["ScanSet"]
@@ -49,4 +49,4 @@ class ScanSet:
         Raises:
             DataError: it does not exist, or cannot be read.
         """
-        return load_scan(self.name, self.dataset, self.root, subject)
+        return load_subject(self.name, self.dataset, self.root, subject)

@@ -18,7 +18,8 @@ from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
 from harness.data.avatars import AVATARS_VERSION, make_avatar, recipe_for
 from harness.data.manifest import Manifest, load_manifest
-from harness.data.scans import load_scan, locate_scan
+from harness.data.subjects import fit_of, load_subject, locate_subject
+from harness.pipeline.inputs.fitted_truth import with_fitted_body
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 from renderers.capture import CaptureInputs, capture
@@ -148,7 +149,8 @@ class Source:
             DataError: it is not there.
         """
         self._require_scans()
-        return locate_scan(self.name, self.manifest.datasets[self.name], self.root(), subject)
+        dataset = self.manifest.datasets[self.name]
+        return self._with_body(locate_subject(self.name, dataset, self.root(), subject))
 
     def load(self, subject: str) -> tuple[Scan, Mesh]:
         """The subject's scan and its textured mesh in world metres.
@@ -157,7 +159,13 @@ class Source:
             DataError: it is not there, or cannot be read.
         """
         self._require_scans()
-        return load_scan(self.name, self.manifest.datasets[self.name], self.root(), subject)
+        dataset = self.manifest.datasets[self.name]
+        scan, mesh = load_subject(self.name, dataset, self.root(), subject)
+        return self._with_body(scan), mesh
+
+    def _with_body(self, scan: Scan) -> Scan:
+        fit = fit_of(self.manifest.datasets[self.name], self.root(), scan.subject)
+        return with_fitted_body(scan, fit, self.workspace.fitted_bodies) if fit else scan
 
     def scan_of(self, subject: str) -> Scan | None:
         """The subject's scan as ``locate`` has it; None for imported photos."""

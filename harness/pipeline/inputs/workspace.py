@@ -48,6 +48,11 @@ class Workspace:
         return self.root / "captures" / ".shared"
 
     @property
+    def fitted_bodies(self) -> Path:
+        """Folder of bodies that were made of scans' fits; deleting it loses nothing but time."""
+        return self.root / "captures" / ".bodies"
+
+    @property
     def runs(self) -> Path:
         """Folder of all runs."""
         return self.root / "runs"

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import torch
 
+from harness.core.mesh import Mesh
+
 Shapes = Mapping[str, tuple[int, ...]]
 
 
@@ -102,3 +104,18 @@ def parts(tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("HARNESS_PARTS", str(tmp_path / "parts"))
     monkeypatch.setenv("HARNESS_WEIGHTS", str(tmp_path / "weights"))
     return tmp_path / "parts"
+
+
+@pytest.fixture(scope="session")
+def ball() -> Mesh:
+    """A unit sphere, outward, edges of about 0.07."""
+    polar, around = np.linspace(0, np.pi, 49)[1:-1], np.arange(72) * 2 * np.pi / 72
+    v, u = np.meshgrid(polar, around, indexing="ij")
+    ring = np.stack([np.sin(v) * np.sin(u), np.cos(v), np.sin(v) * np.cos(u)], -1)
+    points = np.concatenate([ring.reshape(-1, 3), [[0, 1, 0], [0, -1, 0]]])
+    index = np.arange(47 * 72).reshape(47, 72)
+    right = np.roll(index, -1, axis=1)
+    a, b, c, d = (part.ravel() for part in (index[:-1], index[1:], right[1:], right[:-1]))
+    top, low = (np.full(72, len(points) - k) for k in (2, 1))
+    caps = [np.stack([top, index[0], right[0]], 1), np.stack([low, right[-1], index[-1]], 1)]
+    return Mesh(points, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1), *caps]))

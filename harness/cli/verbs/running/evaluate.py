@@ -59,7 +59,7 @@ Parts = Annotated[
         "--parts",
         metavar="CHOICE",
         help="Parts to run with: open; paper, which are those that you imported; or pairs such as "
-        "normals=econ,body=smplx,start=pixie.",
+        "normals=econ,body=smplx,start=pixie,completion=ifnet.",
     ),
 ]
 Row = Annotated[

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from harness.core.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -96,18 +95,3 @@ def _finished(mask, depth, normals, rays) -> View:
     facing = np.abs((normals * rays).sum(axis=-1)) / np.linalg.norm(rays, axis=-1)
     in_map = normals * (1.0, -1.0, -1.0)
     return View(mask, np.where(mask, depth, np.nan), np.where(mask[..., None], in_map, 0.0), facing)
-
-
-@pytest.fixture(scope="session")
-def ball() -> Mesh:
-    """A unit sphere, outward, edges of about 0.07."""
-    polar, around = np.linspace(0, np.pi, 49)[1:-1], np.arange(72) * 2 * np.pi / 72
-    v, u = np.meshgrid(polar, around, indexing="ij")
-    ring = np.stack([np.sin(v) * np.sin(u), np.cos(v), np.sin(v) * np.cos(u)], -1)
-    points = np.concatenate([ring.reshape(-1, 3), [[0, 1, 0], [0, -1, 0]]])
-    index = np.arange(47 * 72).reshape(47, 72)
-    right = np.roll(index, -1, axis=1)
-    a, b, c, d = (part.ravel() for part in (index[:-1], index[1:], right[1:], right[:-1]))
-    top, low = (np.full(72, len(points) - k) for k in (2, 1))
-    caps = [np.stack([top, index[0], right[0]], 1), np.stack([low, right[-1], index[-1]], 1)]
-    return Mesh(points, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1), *caps]))

@@ -14,11 +14,13 @@ from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, Part
 from harness.geometry import images
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import open_edges
+from harness.geometry.surface import SurfaceIndex
+from harness.geometry.topology import concatenated, open_edges
+from methods import clothed
 from methods.body.photos import detection
 from methods.body.photos.views import load_views
 from methods.body.result import BodyFitResult
@@ -215,6 +217,7 @@ def test_settings_reach_the_fit_or_the_surface():
         ({"normals": "open"}, "unknown setting 'normals'"),
         ({"surface.hands": "gloves"}, "detected or body or sheets"),
         ({"surface.clothes": "none"}, "uniform or silhouettes"),
+        ({"surface.completion": "none"}, "body or ifnet"),
         ({"surface.normals": "onnx"}, "do not go together"),
         ({"surface.poisson_depth": "30"}, "depth 4 to 12"),
         ({"surface.resolution": "1"}, "64 to 4096"),
@@ -224,6 +227,49 @@ def test_settings_reach_the_fit_or_the_surface():
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [econ, mexecon2], ids=lambda m: m.info.name)
+def test_a_network_completes_the_sheets(small, capture, tmp_path, monkeypatch, method):
+    """The network's answer is the figure, in the place and frame in which it is asked."""
+    asked = []
+
+    def known(sheets, body, camera):
+        asked.append((sheets, body, camera))
+        return figure()
+
+    monkeypatch.setattr(clothed, "completed_by_network", known)
+    monkeypatch.setattr(clothed, "ifnet_part", lambda: Part("completion", "known", "CC0-1.0"))
+    chosen = small(method.configured({"surface.completion": "ifnet"}), "oracle")
+    assert Part("completion", "known", "CC0-1.0") in chosen.info.parts
+    result = chosen.reconstruct(capture, context(tmp_path))
+    (((front, back), body, camera),) = asked
+    assert front.vertices[:, 2].mean() > CENTRE[2] > back.vertices[:, 2].mean()
+    assert camera is capture.cameras[0]
+    assert len(body.vertices) == len(figure().vertices)
+    assert distances_mm(result.mesh).mean() < 4.0
+    gap = load_mesh(tmp_path / "completion.ply")
+    assert distances_mm(gap).max() < 1e-3, "only what the network gave"
+    sheets = concatenated([front, back])
+    away = SurfaceIndex(sheets).closest(gap.vertices)[1]
+    assert away.min() > 0.02
+    if "hands" in result.details["part_faces"]:
+        assert (gap.vertices[:, 0] < CENTRE[0] + 0.27).all(), "the hands are the body's"
+
+
+def test_completion_by_the_network_is_as_published_and_says_what_differs(monkeypatch):
+    monkeypatch.setattr(clothed, "ifnet_part", lambda: Part("completion", "known", "CC0-1.0"))
+    for method in (econ, mexecon2, oracle8):
+        body = {each.what for each in method.info.deviations}
+        chosen = method.configured({"surface.completion": "ifnet"}).info
+        network = {each.what for each in chosen.deviations}
+        moving = "moving the body to the sheets before it completes them"
+        assert moving in body - network
+        assert {"cube of IF-Nets+", "voxels inside the body"} <= network - body
+        assert "surface.completion" not in body | network
+    assert "completion" in {each.what for each in mexecon2.info.deviations}
+    assert "completion" not in {each.what for each in econ.info.deviations}
 
 
 def test_a_gpu_that_is_not_there_is_said_before_anything_runs():

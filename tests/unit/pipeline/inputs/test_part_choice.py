@@ -12,6 +12,10 @@ from methods.catalog import METHODS
 PAPER = parsed_parts("paper")
 BODY = {"body.model": "smplx", "body.start": "pixie"}
 NORMALS = {"body.normals": "econ", "surface.normals": "econ"}
+SURFACE = {**NORMALS, "surface.completion": "ifnet"}
+#: A user's own settings that leave none of the paper's parts but the body model in use.
+OPEN = {"body.start": "average", "body.normals": "off", "surface.normals": "body",
+        "surface.completion": "body"}  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -22,13 +26,13 @@ def nothing_is_imported(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        ("econ", {**BODY, **NORMALS}),
-        ("mexecon2", {**BODY, **NORMALS}),
-        ("mexecon8", {**BODY, **NORMALS}),
+        ("econ", {**BODY, **SURFACE}),
+        ("mexecon2", {**BODY, **SURFACE}),
+        ("mexecon8", {**BODY, **SURFACE}),
         ("jmbo8", {**BODY, "body.normals": "econ"}),
         ("body-front", BODY),
         ("body-average", BODY),
-        ("oracle8", {**BODY, "body.normals": "econ"}),
+        ("oracle8", {**BODY, "body.normals": "econ", "surface.completion": "ifnet"}),
         ("jmbo8+", {"body.model": "smplx"}),
         ("mexecon+", {"body.model": "smplx", "nview.normals": "econ"}),
         ("hull8", {}),
@@ -45,7 +49,7 @@ def test_pairs_choose_single_parts():
     info = ChosenMethod.of("mexecon8", {}).info
     assert parsed_parts("normals=econ").settings(info) == NORMALS
     assert parsed_parts("body=smplx, normals=open") == PartChoice(frozenset({"body"}))
-    assert parsed_parts("body=smplx,start=pixie,normals=econ") == PAPER
+    assert parsed_parts("body=smplx,start=pixie,normals=econ,completion=ifnet") == PAPER
     assert parsed_parts("") == parsed_parts("open") == parsed_parts("body=anny,start=landmarks")
 
 
@@ -68,11 +72,12 @@ def test_a_part_that_is_not_imported_is_told_before_anything_runs():
         chosen_methods(["econ"], {}, parts=PAPER)
     with pytest.raises(MissingPart, match="no part 'econ-normal'.*normal.ckpt"):
         chosen_methods(["econ"], {}, parts=parsed_parts("normals=econ"))
+    with pytest.raises(MissingPart, match="no part 'ifnet'.*import ifnet ifnet.ckpt"):
+        chosen_methods(["mexecon8"], {}, parts=parsed_parts("completion=ifnet"))
 
 
 def test_what_a_user_set_counts_more():
-    settings = {"body.start": "average", "body.normals": "off", "surface.normals": "body"}
-    (chosen,) = chosen_methods(["mexecon2"], settings, parts=PAPER)
+    (chosen,) = chosen_methods(["mexecon2"], OPEN, parts=PAPER)
     body = chosen.info.parameters["body"]
     assert (body["model"], body["start"], body["normals"]) == ("smplx", "average", "off")
     assert chosen_methods(["hull8"], {}, parts=PAPER)[0].settings == {}
@@ -83,6 +88,5 @@ def test_a_method_with_chosen_parts_is_made_once(monkeypatch):
     asked = []
     resolve = METHODS.resolve
     monkeypatch.setattr(METHODS, "resolve", lambda name: asked.append(name) or resolve(name))
-    chosen_methods(["mexecon2"], {"body.start": "average", "body.normals": "off",
-                                  "surface.normals": "body"}, parts=PAPER)  # fmt: skip
+    chosen_methods(["mexecon2"], OPEN, parts=PAPER)
     assert asked == ["mexecon2"]

@@ -1,0 +1,87 @@
+"""The SMPL-X body that a fit of THuman describes, in the units and the frame of its scan.
+
+Source: the authors' answers in the dataset's issues (22, 23): the male model, hands by the first
+12 principal components about the model's mean hand, and first the scale, then the translation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.arrays import Floats
+from harness.core.errors import DataError
+from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
+from methods.body.models.smplx_part import SMPLX
+
+__all__ = ["MODEL_NAME", "fitted_body", "male_model"]
+
+#: The imported model that the fits refer to.
+MODEL_NAME = "SMPLX_MALE"
+_COMPONENTS = 12
+_POSES = {"global_orient": 3, "body_pose": 63, "jaw_pose": 3, "leye_pose": 3, "reye_pose": 3}
+
+
+def male_model() -> tuple[Path, str] | None:
+    """The file of the imported male model and its sha256; None where none is imported.
+
+    Raises:
+        MissingPart, DataError: it is imported, and its file is gone or another one.
+    """
+    if MODEL_NAME not in {part.name for part in SMPLX.installed()}:
+        return None
+    stored = SMPLX.find(MODEL_NAME)
+    return stored.file("model.npz"), stored.installed.sha256
+
+
+def fitted_body(
+    fit: Mapping[str, NDArray[Any]], model_file: Path
+) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Vertices (10475, 3), joints (55, 3) and the joints' names, in the scan's own units.
+
+    Args:
+        fit: What ``smplx_param.pkl`` holds.
+        model_file: The male model.
+
+    Raises:
+        DataError: a value of the fit is missing or of another size.
+        MissingPart: the package ``smplx`` is not installed.
+    """
+    import torch
+
+    model = load_model(model_file)
+    from smplx.joint_names import JOINT_NAMES
+
+    sizes = {**_POSES, "betas": BETAS, "expression": EXPRESSIONS}
+    given = {name: _values(fit, name, size) for name, size in sizes.items()}
+    with np.load(model_file) as arrays:
+        for side in ("left", "right"):
+            own = _values(fit, f"{side}_hand_pose", _COMPONENTS)
+            components = arrays[f"hands_components{side[0]}"][:_COMPONENTS]
+            given[f"{side}_hand_pose"] = own @ components + arrays[f"hands_mean{side[0]}"]
+    tensors = {
+        name: torch.tensor(value[None], dtype=torch.float32) for name, value in given.items()
+    }
+    assert tensors["left_hand_pose"].shape[1] == HAND
+    with torch.no_grad():
+        output = model(**tensors, transl=torch.zeros(1, 3))
+    name = "translation" if "translation" in fit else "transl"
+    scale, shift = float(_values(fit, "scale", 1)[0]), _values(fit, name, 3)
+    vertices = output.vertices[0].double().numpy() * scale + shift
+    joints = output.joints[0, :JOINTS].double().numpy() * scale + shift
+    return vertices, joints, tuple(JOINT_NAMES[:JOINTS])
+
+
+def _values(fit: Mapping[str, NDArray[Any]], name: str, size: int) -> Floats:
+    value = fit.get(name)
+    if value is None or value.size != size or not np.isfinite(value).all():
+        raise DataError(
+            "the SMPL-X fit cannot be read",
+            expected=f"{size} finite numbers '{name}'",
+            got="none" if value is None else f"shape {value.shape}",
+        )
+    return value.reshape(size).astype(np.float64)
