@@ -5,13 +5,16 @@ from __future__ import annotations
 import copy
 import gc
 import hashlib
+import importlib.util
 import os
 import pickle
 import signal
+import sys
 import tempfile
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 # Before any test imports torch or Open3D: many small computations, a few cores, several workers.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -176,3 +179,21 @@ def published_camera_file() -> Path:
     if not found:
         pytest.skip("the published camera file is not here")
     return found[0]
+
+
+@pytest.fixture(scope="session")
+def stand_in() -> Callable[[str], ModuleType]:
+    """``stand_in("thuman_tree")``: a module of ``tests/stand_in``, which makes files."""
+    modules: dict[str, ModuleType] = {}
+
+    def load(name: str) -> ModuleType:
+        if name not in modules:
+            path = Path(__file__).parent / "stand_in" / f"{name}.py"
+            spec = importlib.util.spec_from_file_location(name, path)
+            assert spec is not None
+            assert spec.loader is not None
+            modules[name] = sys.modules[name] = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(modules[name])
+        return modules[name]
+
+    return load

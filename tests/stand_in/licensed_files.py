@@ -167,7 +167,7 @@ def write_smplx(path: Path) -> Path:
         "lmk_faces_idx": np.zeros(51, dtype=np.int64),
         "lmk_bary_coords": np.full((51, 3), 1 / 3),
     }
-    np.savez_compressed(path, **arrays)
+    np.savez(path, **arrays)
     return path
 
 

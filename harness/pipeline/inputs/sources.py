@@ -19,8 +19,8 @@ from harness.core.settings import RenderRecipe
 from harness.data.avatars import AVATARS_VERSION, make_avatar, recipe_for
 from harness.data.manifest import Manifest, load_manifest
 from harness.data.subjects import fit_of, load_subject, locate_subject
-from harness.pipeline.inputs.fitted_truth import with_fitted_body
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
+from harness.pipeline.inputs.truth.fitted import with_fitted_body
 from harness.pipeline.inputs.workspace import Workspace
 from renderers.capture import CaptureInputs, capture
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +20,8 @@ SCALE, HEIGHT_M, YAW_DEG = 0.4335, 1.7, 40.0
 
 
 @pytest.fixture(scope="module")
-def tree():
-    path = Path(__file__).parents[2] / "stand_in" / "thuman_tree.py"
-    spec = importlib.util.spec_from_file_location("thuman_tree", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "thuman_tree", module)  # where a pickle finds its classes
-        spec.loader.exec_module(module)
-        yield module
+def tree(stand_in):
+    return stand_in("thuman_tree")
 
 
 def person() -> Mesh:

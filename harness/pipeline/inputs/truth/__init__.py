@@ -1,0 +1,1 @@
+"""What is known of a subject besides its scan, where it has to be worked out."""
