@@ -21,5 +21,5 @@ IFNET = ConvertedKind(
         files=("ifnet.ckpt",),
     ),
     "methods.ifnet.convert:examine",
-    "harness parts verify {name}",
+    "harness eval --method mexecon8 --set surface.completion=ifnet",
 )
