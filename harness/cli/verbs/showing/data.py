@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +20,9 @@ from harness.cli.options import (
     WorkspacePath,
     split_names,
 )  # fmt: skip
-from harness.cli.output import print_json, print_outcomes
+from harness.cli.output import deliver, print_json, print_outcomes
 from harness.cli.verb_list import verb_group
+from harness.data.croissant import Publication, croissant_document
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.captures import make_avatars, show_avatar
 from harness.pipeline.inputs.inventory import check_tree, overview
@@ -117,3 +120,29 @@ def make(
     with shown_progress(quiet=as_json) as progress:
         outcomes = make_avatars(source, jobs, progress)
     print_outcomes(outcomes, as_json=as_json)
+
+
+@app.command("croissant")
+def croissant(
+    dataset: DatasetName,
+    url: Annotated[str, typer.Option("--url", metavar="URL", help="Where you publish it.")],
+    published: Annotated[
+        datetime | None,
+        typer.Option("--published", formats=["%Y-%m-%d"], help="When. Default: today."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="File to write, beside the dataset's folder 'model'. Default: print it.",
+        ),
+    ] = None,
+    manifest: ManifestPath = None,
+) -> None:
+    """Describe a generated dataset in Croissant, for programs that load data."""
+    name, found, _ = load_manifest(manifest).select(dataset)
+    publication = Publication(url, (published or datetime.now(UTC)).date())
+    document = croissant_document(name, found, publication)
+    deliver(json.dumps(document, indent=2, allow_nan=False) + "\n", output)
