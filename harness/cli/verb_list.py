@@ -22,6 +22,7 @@ VERBS = {
     "capture": "Import photos with cameras, and export captures.",
     "reconstruct": "Reconstruct a person from photos.",
     "eval": "Run methods on subjects and score what they make.",
+    "conform": "Try a method, and certify that it keeps the contract.",
     "score": "Score meshes that were made elsewhere.",
     "report": "Print a table of a run, draw a figure, or write a page.",
     "results": "Hand results in, score them again, and put them on a board.",
@@ -34,7 +35,16 @@ VERBS = {
 #: Modules of verbs that are not called like their verb.
 _MODULES = {"eval": "evaluate"}
 #: Verbs that make photos, meshes or numbers; the others show what there is.
-_RUNNING = ("quickstart", "render", "capture", "reconstruct", "eval", "score", "train")
+_RUNNING = (
+    "quickstart",
+    "render",
+    "capture",
+    "reconstruct",
+    "eval",
+    "conform",
+    "score",
+    "train",
+)
 
 
 def verb_command(verb: str) -> Any:

@@ -27,6 +27,7 @@ from harness.cli.options import (
 )  # fmt: skip
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
+from harness.core.errors import HarnessError
 from harness.data.manifest import load_manifest
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
@@ -37,6 +38,7 @@ from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate as carry_out
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
+from harness.pipeline.seeds import evaluate_seeds, parsed_seeds
 
 __all__ = ["app"]
 
@@ -71,6 +73,16 @@ Row = Annotated[
         "of one method can be compared in one run.",
     ),
 ]
+Seeds = Annotated[
+    str,
+    typer.Option(
+        "--seeds",
+        metavar="SEEDS",
+        help="Several seeds, such as 0..4: the first in the run itself, the others in runs beside "
+        "it. Methods that a seed cannot change run once. 'harness report --table seeds' shows the "
+        "spread.",
+    ),
+]
 Share = Annotated[
     bool,
     typer.Option(
@@ -93,6 +105,7 @@ def evaluate(
     row: Row = "",
     parts: Parts = OPEN,
     seed: Seed = 0,
+    seeds: Seeds = "",
     jobs: Jobs = 1,
     keep: Keep = False,
     reason: Reason = "",
@@ -136,6 +149,8 @@ def evaluate(
     )
     if dry_run:
         _show_plan(request, as_json=as_json)
+    elif seeds:
+        _run_seeds(request, seeds, as_json=as_json)
     else:
         _run(request, as_json=as_json)
 
@@ -166,4 +181,28 @@ def _run(request: EvalRequest, *, as_json: bool) -> None:
         table = "photos" if request.source.is_imported else "geometry"
         print(f"Next: harness report --table {table} --run {request.store.directory.name}")
     if not summary.all_ok:
+        raise typer.Exit(1)
+
+
+def _run_seeds(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
+    if request.seed:
+        raise HarnessError("--seed and --seeds exclude each other", hint="Leave --seed out")
+    with shown_progress(quiet=as_json) as progress:
+        done = evaluate_seeds(request, parsed_seeds(seeds), progress)
+    found = [(each, each.summary) for each in done if each.summary is not None]
+    if as_json:
+        print_json(
+            {
+                "runs": [
+                    {"seed": each.seed, "run": str(each.store.directory), **summary.to_dict()}
+                    for each, summary in found
+                ]
+            }
+        )
+    else:
+        for each, summary in found:
+            counts = ", ".join(f"{number} {status}" for status, number in summary.counts.items())
+            print(f"seed {each.seed}: {counts} ({summary.cached} cached) in {each.store.directory}")
+        print(f"Next: harness report --table seeds --run {request.store.directory.name}")
+    if not all(summary.all_ok for _, summary in found):
         raise typer.Exit(1)

@@ -36,8 +36,11 @@ from harness.pipeline.report.tables import (
     ReportRequest,
     build_published,
     build_table,
+    writer_of,
+    written,
 )
 from harness.pipeline.run.store import RunStore
+from harness.pipeline.seeds import SEEDS_TABLE, table_of_seeds
 
 __all__ = ["app"]
 
@@ -49,7 +52,8 @@ TableName = Annotated[
         "--table",
         metavar="NAME",
         help=f"Table to print: {', '.join(TABLES)}; {' or '.join(PHOTO_TABLES)}, quality without "
-        "a scan, measured now where it is not stored, and how it goes with the errors; or "
+        "a scan, measured now where it is not stored, and how it goes with the errors; "
+        f"{SEEDS_TABLE}, the spread over the seeds of 'harness eval --seeds'; or "
         f"{PUBLISHED_TABLE}, the results that the paper's authors released, which needs no run.",
     ),
 ]
@@ -190,6 +194,9 @@ def _text(
     if request.table == PUBLISHED_TABLE:
         return build_published(request)
     store = RunStore.existing(place, run)
+    if request.table == SEEDS_TABLE:
+        found = table_of_seeds(store, request.methods, request.subjects)
+        return written(found, writer_of(request.format))
     if request.table not in PHOTO_TABLES:
         return build_table(store.records(), request)
     wanted = PhotoReport(request, store, load_manifest(manifest), place, reason)

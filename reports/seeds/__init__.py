@@ -1,0 +1,1 @@
+"""Results under several seeds, side by side."""

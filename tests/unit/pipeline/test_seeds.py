@@ -1,0 +1,155 @@
+"""Several seeds: which methods run with each, where their records lie, how they are tabulated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from statistics import stdev
+
+import pytest
+
+from harness.core.errors import HarnessError
+from harness.core.protocols import MethodInfo
+from harness.core.records import CaptureStamp, ProtocolStamp, Record
+from harness.core.results import MetricValue
+from harness.data.manifest import load_manifest
+from harness.pipeline import seeds as seeding
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+from harness.pipeline.run.evaluate import EvalSummary
+from harness.pipeline.run.plan import EvalRequest
+from harness.pipeline.run.store import RunStore
+from harness.pipeline.seeds import (
+    evaluate_seeds,
+    is_deterministic,
+    parsed_seeds,
+    seed_runs,
+    table_of_seeds,
+)
+from reports.seeds.table import seeds_table
+from reports.tables.geometry import GEOMETRY_METRICS
+
+PROTOCOL = load_manifest().protocol("exact")
+
+
+def record(method: str, subject: str, seed: int, value: float, status: str = "ok") -> Record:
+    metrics = {
+        name: MetricValue(value, "deg" if name == "normal_error" else "mm", 10, 0.1)
+        for name in GEOMETRY_METRICS
+    }
+    return Record(
+        key=f"{method}{seed}",
+        method=MethodInfo(method, method.upper()),
+        dataset="d",
+        subject=subject,
+        recipe="r",
+        protocol=ProtocolStamp.of(PROTOCOL),
+        capture=CaptureStamp("photos", 8),
+        seed=seed,
+        status=status,
+        metrics=metrics if status == "ok" else {},
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"), [("0..4", (0, 1, 2, 3, 4)), ("3", (3,)), ("0, 7..8", (0, 7, 8))]
+)
+def test_seeds_are_read(text, seeds):
+    assert parsed_seeds(text) == seeds
+
+
+@pytest.mark.parametrize("text", ["", "a", "1,1", "4..0", "-1", "0..99999"])
+def test_what_is_no_list_of_seeds_is_refused(text):
+    with pytest.raises(HarnessError, match="--seeds"):
+        parsed_seeds(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "deterministic"),
+    [("gt", True), ("hull8", True), ("stereo8", False), ("jmbo8", False), ("mexecon+", False)],
+)
+def test_a_method_without_a_seed_in_its_code_is_deterministic(name, deterministic):
+    assert is_deterministic(ChosenMethod.of(name, {})) is deterministic
+
+
+class Told:
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def expect(self, task: str, steps: int) -> None: ...
+    def done(self, task: str, steps: int = 1) -> None: ...
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+
+def test_each_seed_is_a_run_of_the_methods_that_it_can_change(tmp_path, monkeypatch):
+    asked: list[tuple[int, str, tuple[str, ...]]] = []
+
+    def evaluated(request: EvalRequest, progress: object) -> EvalSummary:
+        names = tuple(method.row for method in request.methods)
+        asked.append((request.seed, request.store.directory.name, names))
+        request.store.begin()
+        return EvalSummary(())
+
+    monkeypatch.setattr(seeding, "evaluate", evaluated)
+    source = Source.select(load_manifest(), Workspace(tmp_path), "avatars-tiny", (), "quick8")
+    store = RunStore(tmp_path / "runs" / "main")
+    methods = chosen_methods(["hull8", "jmbo8"], {})
+    request = EvalRequest(source, methods, PROTOCOL, store)
+    told = Told()
+
+    done = evaluate_seeds(request, (0, 1, 12), told)
+
+    assert asked == [
+        (0, "main", ("hull8", "jmbo8")),
+        (1, "main.seed1", ("jmbo8",)),
+        (12, "main.seed12", ("jmbo8",)),
+    ]
+    assert told.lines == ["a seed changes nothing for hull8: run once"]
+    assert [each.store for each in done] == list(seed_runs(store))
+    assert RunStore.existing(Workspace(tmp_path), None) == store
+
+    asked.clear()
+    once = evaluate_seeds(replace(request, methods=methods[:1]), (0, 1), told)
+    assert [each.summary is None for each in once] == [False, True]
+    assert len(asked) == 1
+
+
+def test_the_spread_over_seeds_and_over_subjects_is_worked_out_by_hand():
+    values = {("a", 0): 10.0, ("b", 0): 20.0, ("a", 1): 12.0, ("b", 1): 24.0}
+    runs = [
+        [
+            *(record("x", subject, seed, values[subject, seed]) for subject in "ab"),
+            *([record("y", subject, 0, 5.0) for subject in "ab"] if not seed else []),
+        ]
+        for seed in (0, 1)
+    ]
+    table = seeds_table(runs)
+    x, y = table.rows
+    # Means 15 and 18; subjects 11 and 22.
+    assert x.cells["chamfer"].value == 16.5
+    assert x.cells["chamfer_sd_seeds"].value == pytest.approx(stdev([15, 18]))
+    assert x.cells["chamfer_sd_subjects"].value == pytest.approx(stdev([11, 22]))
+    assert x.cells["seeds"].value == 2
+    assert (y.cells["chamfer"].value, y.cells["seeds"].value) == (5.0, 1)
+    assert "chamfer_sd_seeds" not in y.cells
+    assert y.cells["chamfer_sd_subjects"].value == 0.0
+
+
+def test_a_subject_that_failed_under_one_seed_counts_under_none():
+    runs = [
+        [record("x", "a", 0, 10.0), record("x", "b", 0, 99.0)],
+        [record("x", "a", 1, 11.0), record("x", "b", 1, 0.0, "failed")],
+    ]
+    (row,) = seeds_table(runs).rows
+    assert (row.n, row.of) == (1, 2)
+    assert row.cells["chamfer"].value == 10.5
+    assert "chamfer_sd_subjects" not in row.cells
+
+
+def test_a_run_of_one_seed_has_no_such_table(tmp_path: Path):
+    with pytest.raises(HarnessError, match="run 'main' has one seed.*--seeds"):
+        table_of_seeds(RunStore(tmp_path / "runs" / "main"), None, None)
