@@ -167,7 +167,9 @@ def page(
         Path,
         typer.Option("--output", "-o", metavar="FOLDER", help="Page to write, or to replace."),
     ],
-    title: Annotated[str, typer.Option("--title", metavar="TEXT", help="Heading.")] = "Leaderboard",
+    title: Annotated[
+        str, typer.Option("--title", metavar="TEXT", help="Heading of the page.")
+    ] = "Leaderboard",
 ) -> None:
     """Write a leaderboard as a page of files that opens without a network."""
     print(write_board_page(board, folder, title))
