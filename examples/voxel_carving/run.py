@@ -119,6 +119,33 @@ def carve(photos: list[Photo], voxel_m: float) -> tuple[np.ndarray, np.ndarray]:
     return closed, np.array([axis[0] for axis in axes])
 
 
+def without_checkers(field: np.ndarray, level: float = 0.5) -> np.ndarray:
+    """The field without squares of the lattice whose inside points touch at a corner alone.
+
+    There, four faces would meet at one edge. One of the two points is put outside, which may make
+    another such square; points only ever leave, so that it ends.
+    """
+    field = field.copy()
+    found = True
+    while found:
+        found = False
+        for axis in range(3):
+            first, second = [other for other in range(3) if other != axis]
+            corner = {}
+            for a in (0, 1):
+                for b in (0, 1):
+                    part = [slice(None)] * 3
+                    part[first] = slice(a, field.shape[first] - 1 + a)
+                    part[second] = slice(b, field.shape[second] - 1 + b)
+                    corner[a, b] = field[tuple(part)]
+            for b in (0, 1):
+                pair, rest = (corner[0, b], corner[1, 1 - b]), (corner[0, 1 - b], corner[1, b])
+                touch = (np.minimum(*pair) > level) & (np.maximum(*rest) <= level)
+                found = found or bool(touch.any())
+                pair[0][touch] = 0.0
+    return field
+
+
 def contour(field: np.ndarray, level: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     """Vertices in lattice units and triangles of a level: one vertex in each cell it crosses."""
     inside = field > level
@@ -186,7 +213,7 @@ def reconstructed(photos: Path, voxel_m: float) -> tuple[np.ndarray, np.ndarray]
     field, origin = carve(read_photos(photos), voxel_m)
     if not (field > 0.5).any():
         raise SystemExit("no point is inside all silhouettes")
-    vertices, faces = contour(field)
+    vertices, faces = contour(without_checkers(field))
     return origin + voxel_m * vertices, faces
 
 

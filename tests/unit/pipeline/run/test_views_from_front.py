@@ -71,7 +71,7 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     filed = source.ensure_capture("t1", lambda *_: None)
     witness = Witness()
     chosen = ChosenMethod("witness", "witness", {}, "methods.gt", witness)
-    monkeypatch.setattr(ChosenMethod, "of", lambda *_: chosen)
+    monkeypatch.setattr(ChosenMethod, "of", lambda *_, **__: chosen)
     protocol = manifest.protocol("exact")
     inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
     cell = world / "cell"
