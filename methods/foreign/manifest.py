@@ -16,10 +16,11 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from harness.core.errors import DataError
 
-__all__ = ["MANIFEST", "Worker", "read_worker"]
+__all__ = ["MANIFEST", "Worker", "read_entries", "read_worker", "text_of", "texts_of"]
 
 MANIFEST = "method.toml"
 #: What a command may have filled in.
@@ -71,12 +72,7 @@ def read_worker(folder: Path) -> Worker:
         DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
     """
     path = folder / MANIFEST
-    try:
-        entries = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"no readable file at {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise DataError(f"{path} is not TOML: {error}") from error
+    entries = read_entries(path)
     known = {each.name for each in fields(Worker)} - {"folder"}
     needed = known - {"command"}
     if set(entries) - known or needed - set(entries):
@@ -86,16 +82,30 @@ def read_worker(folder: Path) -> Worker:
             got=", ".join(sorted(entries)) or "nothing",
         )
     worker = Worker(
-        name=_text(path, "name", entries["name"]),
+        name=text_of(path, "name", entries["name"]),
         folder=folder,
-        script=_text(path, "script", entries["script"]),
-        modules=_texts(path, "modules", entries["modules"]),
-        install=_text(path, "install", entries["install"]),
-        licence=_text(path, "licence", entries["licence"]),
-        command=_texts(path, "command", entries.get("command", list(_COMMAND))),
+        script=text_of(path, "script", entries["script"]),
+        modules=texts_of(path, "modules", entries["modules"]),
+        install=text_of(path, "install", entries["install"]),
+        licence=text_of(path, "licence", entries["licence"]),
+        command=texts_of(path, "command", entries.get("command", list(_COMMAND))),
     )
     _check_command(path, worker)
     return worker
+
+
+def read_entries(path: Path) -> dict[str, Any]:
+    """The entries of a TOML file.
+
+    Raises:
+        DataError: no such file, or not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"no readable file at {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise DataError(f"{path} is not TOML: {error}") from error
 
 
 def _check_command(path: Path, worker: Worker) -> None:
@@ -113,13 +123,23 @@ def _check_command(path: Path, worker: Worker) -> None:
             raise DataError(f"the command in {path} does not take {needed}")
 
 
-def _text(path: Path, name: str, value: object) -> str:
+def text_of(path: Path, name: str, value: object) -> str:
+    """The text under a name in a file.
+
+    Raises:
+        DataError: the value is none, or empty.
+    """
     if not isinstance(value, str) or not value:
         raise DataError(f"'{name}' in {path} is not a text", got=repr(value))
     return value
 
 
-def _texts(path: Path, name: str, value: object) -> tuple[str, ...]:
+def texts_of(path: Path, name: str, value: object) -> tuple[str, ...]:
+    """The list of texts under a name in a file.
+
+    Raises:
+        DataError: the value is none, or empty.
+    """
     if not isinstance(value, list) or not value:
         raise DataError(f"'{name}' in {path} is not a list of texts", got=repr(value))
-    return tuple(_text(path, name, each) for each in value)
+    return tuple(text_of(path, name, each) for each in value)

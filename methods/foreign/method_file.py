@@ -17,7 +17,6 @@ A worker of a method that runs here has another form (``methods.foreign.manifest
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -27,10 +26,11 @@ from harness.core.errors import DataError
 from harness.core.files.names import NAME_RULE, is_name
 from harness.core.formats.mesh_files import MESH_SUFFIXES
 from harness.core.privileges import Privilege
+from methods.foreign.manifest import MANIFEST, read_entries, text_of, texts_of
 
 __all__ = ["METHOD_FILE", "MethodFile", "Value", "read_method"]
 
-METHOD_FILE = "method.toml"
+METHOD_FILE = MANIFEST
 Value = bool | int | float | str
 
 #: Words of a command that are filled in for each subject; both of the first are needed.
@@ -110,12 +110,7 @@ def read_method(path: Path) -> MethodFile:
     path = path / METHOD_FILE if path.is_dir() else path
     if path.name != METHOD_FILE:
         raise DataError(f"{path} does not describe a method", expected=f"a file {METHOD_FILE}")
-    try:
-        entries = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"no readable file at {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise DataError(f"{path} is not TOML: {error}") from error
+    entries = read_entries(path)
     known = [each.name for each in fields(MethodFile) if each.name != "folder"]
     needed = ("name", "title", "licence", "command")
     unknown = [name for name in entries if name not in known]
@@ -178,18 +173,6 @@ def _problem(method: MethodFile) -> str:
     return "; ".join(text for text, is_so in problems.items() if is_so)
 
 
-def _text(path: Path, name: str, value: object) -> str:
-    if not isinstance(value, str) or not value:
-        raise DataError(f"'{name}' in {path} is not a text", got=repr(value))
-    return value
-
-
-def _texts(path: Path, name: str, value: object) -> tuple[str, ...]:
-    if not isinstance(value, list) or not value:
-        raise DataError(f"'{name}' in {path} is not a list of texts", got=repr(value))
-    return tuple(_text(path, name, each) for each in value)
-
-
 def _number(path: Path, name: str, value: object) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
         raise DataError(f"'{name}' in {path} is not a whole number", got=repr(value))
@@ -209,7 +192,7 @@ def _switch(path: Path, name: str, value: object) -> bool:
 
 
 def _privileges(path: Path, name: str, value: object) -> tuple[Privilege, ...]:
-    texts = _texts(path, name, value) if value != [] else ()
+    texts = texts_of(path, name, value) if value != [] else ()
     known = [each.value for each in Privilege]
     for text in texts:
         if text not in known:
@@ -237,19 +220,19 @@ def _settings(path: Path, name: str, value: object) -> dict[str, dict[str, Value
 
 
 _READERS: Mapping[str, Callable[[Path, str, object], Any]] = {
-    "name": _text,
-    "title": _text,
-    "licence": _text,
-    "command": _texts,
-    "version": _text,
-    "python": _text,
-    "conda": _text,
-    "image": _text,
+    "name": text_of,
+    "title": text_of,
+    "licence": text_of,
+    "command": texts_of,
+    "version": text_of,
+    "python": text_of,
+    "conda": text_of,
+    "image": text_of,
     "views": _numbers,
     "view_count": _number,
     "privileges": _privileges,
     "deterministic": _switch,
-    "mesh": _text,
-    "up": _text,
+    "mesh": text_of,
+    "up": text_of,
     "settings": _settings,
 }

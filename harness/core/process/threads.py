@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from harness.core.process.interrupts import in_threads
 
 __all__ = ["on_all_cores"]
 
@@ -26,6 +27,6 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> l
 
     Raises:
         Exception: the first one that the function raised, in the items' order.
+        Interrupted: the run was stopped.
     """
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        return list(threads.map(function, items))
+    return in_threads(function, items, len(os.sched_getaffinity(0)))
