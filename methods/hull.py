@@ -24,6 +24,7 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.hull import hull_distance
+from harness.geometry.isosurface import isosurface
 from harness.geometry.outline import Outline
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
@@ -151,14 +152,8 @@ def _half_extent(place: Place, margin_m: float) -> Floats:
 
 def _contour(origin: Floats, field: Singles, settings: HullSettings) -> Mesh:
     """Marching cubes at zero, closed at the volume's border, without crumbs."""
-    from skimage.measure import marching_cubes
-
-    padded = np.pad(field, 1, constant_values=-settings.voxel_m)
-    vertices, faces, _, _ = marching_cubes(padded, level=0.0, spacing=(settings.voxel_m,) * 3)
-    world = vertices.astype(np.float64) + origin - settings.voxel_m
-    mesh = Mesh(vertices=world, faces=faces, source="visual hull")
-    if mesh.signed_volume < 0:
-        mesh = Mesh(vertices=world, faces=faces[:, ::-1], source="visual hull")
+    step = settings.voxel_m
+    mesh = isosurface(field, outside=-step, origin=origin, step=step, source="visual hull")
     return _without_crumbs(mesh, settings.minimum_component)
 
 

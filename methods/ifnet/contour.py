@@ -7,12 +7,14 @@ the field crosses one half nearby, and elsewhere keeps what lies between its nei
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from harness.core.arrays import Floats, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.isosurface import isosurface
 from harness.geometry.topology import largest_piece
 
 __all__ = ["INSIDE", "contoured_field", "refined"]
@@ -38,8 +40,6 @@ def contoured_field(field: Field, cells: int, looked_at: Mask) -> Mesh:
     Raises:
         MethodError: the field is inside nowhere.
     """
-    from skimage.measure import marching_cubes
-
     values = refined(field, cells, looked_at)
     if not (values > INSIDE).any():
         raise MethodError(
@@ -47,14 +47,9 @@ def contoured_field(field: Field, cells: int, looked_at: Mask) -> Mesh:
             expected="occupancies above one half",
             got=f"at most {values.max():.3g}",
         )
-    # Closed where it would leave the cube.
-    padded = np.pad(values, 1, constant_values=min(0.0, float(values.min())))
-    vertices, faces, _, _ = marching_cubes(padded, level=INSIDE)
-    vertices = 2.0 * (vertices.astype(np.float64) - 1.0) / cells - 1.0
-    mesh = Mesh(vertices, faces, source="completed surface")
-    if mesh.signed_volume < 0:
-        mesh = Mesh(vertices, faces[:, ::-1], source=mesh.source)
-    return largest_piece(mesh)
+    outside = min(0.0, float(values.min()))
+    mesh = isosurface(values, level=INSIDE, outside=outside, source="completed surface")
+    return largest_piece(replace(mesh, vertices=2.0 * mesh.vertices / cells - 1.0))
 
 
 def refined(field: Field, cells: int, looked_at: Mask) -> Singles:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.isosurface import isosurface
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import largest_piece
 from methods.nview.surfaces import Surface, smoothed_along
@@ -156,8 +157,6 @@ def contoured(lattice: Lattice, field: Singles, source: str) -> Mesh:
     Raises:
         MethodError: the field is positive nowhere.
     """
-    from skimage.measure import marching_cubes
-
     if not (field > 0).any():
         raise MethodError(
             f"the {source} is empty",
@@ -165,13 +164,10 @@ def contoured(lattice: Lattice, field: Singles, source: str) -> Mesh:
             got="none",
             hint="Check the cameras and the masks",
         )
-    padded = np.pad(field, 1, constant_values=-lattice.step_m)
-    vertices, faces, _, _ = marching_cubes(padded, level=0.0, spacing=(lattice.step_m,) * 3)
-    world = vertices.astype(np.float64) + lattice.origin - lattice.step_m
-    mesh = Mesh(world, faces, source=source)
-    if mesh.signed_volume < 0:
-        mesh = Mesh(world, faces[:, ::-1], source=source)
-    return largest_piece(mesh)
+    step_m = lattice.step_m
+    return largest_piece(
+        isosurface(field, outside=-step_m, origin=lattice.origin, step=step_m, source=source)
+    )
 
 
 def remeshed(mesh: Mesh, step_m: float, within: Callable[[Floats], Singles] | None = None) -> Mesh:
