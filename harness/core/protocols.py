@@ -22,7 +22,14 @@ __all__ = [
     "MethodInfo",
     "NormalEstimator",
     "Part",
+    "even_places",
 ]
+
+
+def even_places(count: int, total: int) -> tuple[int, ...]:
+    """``count`` of the places 0 to ``total`` - 1, from 0 on, as evenly apart as can be."""
+    # A whole number of places apart where that can be; of enough places never the same one twice.
+    return tuple(place * total // count for place in range(count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +126,15 @@ class MethodInfo:
                     expected="settings by room, such as {'hull': {'voxel_m': 0.01}}",
                     got=f"{room!r}: {own!r}",
                 )
+
+    def views_of(self, total: int) -> tuple[int, ...]:
+        """The views that the method takes of so many, counted from the front.
+
+        Views that are not there are among them where it asks for more than there are.
+        """
+        if self.view_count is not None:
+            return even_places(self.view_count, total)
+        return tuple(range(total)) if self.views is None else self.views
 
     def identity(self) -> dict[str, object]:
         """What of this decides the output: everything but words for readers."""

@@ -40,11 +40,9 @@ def views_of(info: MethodInfo, count: int) -> tuple[int, ...]:
     Raises:
         MethodError: it takes others than there are.
     """
-    if info.view_count is not None:
-        if info.view_count > count:
-            raise _too_few(info, f"{info.view_count} photos", count)
-        return tuple(place * count // info.view_count for place in range(info.view_count))
-    views = tuple(range(count)) if info.views is None else info.views
+    if info.view_count is not None and info.view_count > count:
+        raise _too_few(info, f"{info.view_count} photos", count)
+    views = info.views_of(count)
     if max(views) >= count:
         raise _too_few(info, f"view {max(views)}", count)
     return views

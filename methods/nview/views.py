@@ -11,6 +11,7 @@ from harness.core.arrays import Floats, Singles
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
+from harness.core.protocols import even_places
 from harness.geometry.photo import open_photo
 from methods.nview.outlines import SignedOutline, signed_outline
 
@@ -133,8 +134,7 @@ def even_choice(capture: Capture, count: int) -> Capture:
         )
     if count in (0, total):
         return capture
-    # A whole number of views apart where that can be; never the same view twice.
-    chosen = [view * total // count for view in range(count)]
+    chosen = even_places(count, total)
     numbers = capture.numbers or tuple(range(total))
     return replace(
         capture,

@@ -12,7 +12,7 @@ import json
 import shutil
 import tempfile
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -278,10 +278,7 @@ def _undeclared(capture: Capture, info: MethodInfo) -> list[Path]:
     """The pictures that a method does not declare."""
     front = capture.from_front()
     count = len(front.cameras)
-    views: Iterable[int] = range(count) if info.views is None else info.views
-    if info.view_count is not None:
-        views = (place * count // info.view_count for place in range(info.view_count))
-    declared = {front.image_path(view) for view in views if view < count}
+    declared = {front.image_path(view) for view in info.views_of(count) if view < count}
     return [path for path in map(front.image_path, range(count)) if path not in declared]
 
 
