@@ -145,6 +145,9 @@ def _content(archive: zipfile.ZipFile, name: str, most_bytes: int) -> bytes:
         raise Refused(f"'{_shown(name)}' is compressed or encrypted, which PyTorch never does")
     if info.file_size > most_bytes:
         raise Refused(f"'{_shown(name)}' takes {info.file_size} bytes, at most {most_bytes}")
+    if info.compress_size != info.file_size:
+        # Reading to the end takes as much memory at once as the stored size promises, up to 1 GiB.
+        raise Refused(f"'{_shown(name)}' has two sizes, {info.compress_size} and {info.file_size}")
     with archive.open(info) as stream:
         # Reading to the end compares the checksum.
         return stream.read()

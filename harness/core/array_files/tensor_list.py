@@ -30,7 +30,7 @@ STORAGES = {
     "BoolStorage": "|b1",
 }
 #: No network that is known has a tensor of more than 10 million numbers.
-_MOST_NUMBERS = 2**28
+_MOST_NUMBERS = 2**26
 _MOST_DIMENSIONS, _MOST_INDEX = 8, 2**40
 
 
