@@ -15,6 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from harness.core.arrays import Bytes, Floats, Mask
@@ -81,7 +82,12 @@ class Photo:
 
     def over(self, background: ArrayLike = BLACK) -> Floats:
         """(H, W, 3) in [0, 1]: the subject over a plain sRGB colour (3,) in [0, 1]."""
-        return composite(self.rgba, background)
+        there = self.rgba[..., 3] > 0
+        picture = np.empty((*there.shape, 3))
+        picture[:] = background
+        # Most of a photo is background.
+        picture[there] = composite(self.rgba[there], background)
+        return picture
 
     def cropped(self, window: Window) -> Photo:
         """A window of the photo; nothing is shown where it reaches outside."""

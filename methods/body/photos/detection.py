@@ -208,10 +208,22 @@ def _readings(detector: Any, cut_out: NDArray[np.uint8]) -> Iterator[Reading]:
 
 
 def _pictures(cut_out: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
+    """Only the subject's rim is blended; elsewhere each level of colour has its own new one."""
+    alpha = cut_out[..., 3]
+    rim = np.nonzero((alpha > 0) & (alpha < 255))
+    # The level after the last stands for the ground.
+    level = np.where(alpha[..., None] == 0, 256, cut_out[..., :3]).astype(np.intp)
     for grey, powers in _SHOWN:
-        light = composite(cut_out, (grey, grey, grey))
+        light = np.append(np.arange(256) / 255.0, grey)
+        blended = composite(cut_out[rim], (grey, grey, grey))
         for power in powers:
-            yield np.round(255 * light**power).astype(np.uint8)
+            picture = _levels(light**power)[level]
+            picture[rim] = _levels(blended**power)
+            yield picture
+
+
+def _levels(light: Floats) -> NDArray[np.uint8]:
+    return np.round(255 * light).astype(np.uint8)
 
 
 def _reading(detector: Any, picture: NDArray[np.uint8]) -> Reading | None:

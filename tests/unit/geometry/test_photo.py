@@ -12,8 +12,8 @@ from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.geometry import images
-from harness.geometry.images import save_png
-from harness.geometry.photo import WHITE, open_photo
+from harness.geometry.images import composite, save_png
+from harness.geometry.photo import BLACK, WHITE, open_photo
 from harness.geometry.window import Window
 
 WIDTH, HEIGHT = 54, 96
@@ -109,3 +109,10 @@ def test_a_photo_of_another_size_than_its_camera_is_refused(capture):
     capture.image_path(4).unlink()
     with pytest.raises(DataError, match="no image at"):
         open_photo(capture, 4)
+
+
+@pytest.mark.parametrize("ground", [BLACK, WHITE, (0.2, 0.3, 0.7)])
+def test_a_photo_over_a_colour_is_blended_to_the_bit(capture, ground):
+    photo = open_photo(capture, 0)
+    assert ((photo.rgba[..., 3] > 0) & (photo.rgba[..., 3] < 255)).sum() > 0
+    np.testing.assert_array_equal(photo.over(ground), composite(photo.rgba, ground))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from methods.body.photos.detection import COUNT, MIRRORED, Reading, combined
+from harness.geometry.images import composite
+from methods.body.photos.detection import COUNT, MIRRORED, Reading, _pictures, combined
 
 WIDTH = 300
 
@@ -73,3 +74,11 @@ def test_a_person_seen_once_is_seen_and_never_seen_is_not(reading):
     for found, expected in zip(once, reading, strict=True):
         np.testing.assert_allclose(found, expected)
     assert combined([]) is None
+
+
+def test_the_detector_is_shown_the_subject_on_two_greys_and_darker():
+    rgba = np.random.default_rng(0).integers(0, 256, (40, 30, 4), dtype=np.uint8)
+    rgba[:15, :, 3], rgba[30:, :, 3] = 0, 255
+    light, dark = composite(rgba, (0.75,) * 3), composite(rgba, (0.25,) * 3)
+    expected = [np.round(255 * each).astype(np.uint8) for each in (light, light**2, dark)]
+    np.testing.assert_array_equal(list(_pictures(rgba)), expected)
