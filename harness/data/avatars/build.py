@@ -13,6 +13,7 @@ from harness.core.process.steps import StepReport
 from harness.data.avatars.checks import check_avatar, check_frame
 from harness.data.avatars.clothes.drape import Draped, drape
 from harness.data.avatars.clothes.extras import collar, shoes
+from harness.data.avatars.clothes.hood import raised_hood
 from harness.data.avatars.clothes.layer import Layer, cloth_layer, merge
 from harness.data.avatars.clothes.patterns import Piece, cut_bottom, cut_top
 from harness.data.avatars.clothes.wardrobe import long_sleeved
@@ -142,18 +143,25 @@ def _dressed(recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar) -> _Dre
     else:
         clothes = _creased_clothes(recipe, body, posed)
     skin = Nearness(body.vertices, body.quads("skin"))
-    layers = [_skin_layer(body, posed), _eye_layer(body, posed), *shoes(body, posed)]
+    layers = [_skin_layer(body, posed), _eye_layer(body, posed)]
+    if recipe.shoes is not None:
+        layers += shoes(body, posed)
     layers += [*_worn_under(recipe, body, posed, skin), *clothes.layers]
     if recipe.top.collar != "none":
-        seed = derive_seed(recipe.seed, "collar") % 2**31
-        around_neck = collar(body, posed, recipe.top.collar, seed)
-        if recipe.worn is not None:
-            how = HOOD if recipe.top.collar == "hood" else COLLAR
-            below = [Nearness(posed.vertices, body.quads("skin"))]
-            around_neck = rumpled(around_neck, how, seed, below)
-        layers.append(around_neck)
+        layers.append(_around_neck(recipe, body, posed))
     layers += grow_hair(body, posed, recipe.hair, derive_seed(recipe.seed, "locks") % 2**31)
     return replace(clothes, layers=layers)
+
+
+def _around_neck(recipe: AvatarRecipe, body: AvatarBody, posed: PosedAvatar) -> Layer:
+    """The collar or hood, creased if the clothes are."""
+    kind, seed = recipe.top.collar, derive_seed(recipe.seed, "collar") % 2**31
+    raised = kind == "hood up"
+    laid = raised_hood(body, posed, seed) if raised else collar(body, posed, kind, seed)
+    if recipe.worn is None:
+        return laid
+    below = [Nearness(posed.vertices, body.quads("skin"))]
+    return rumpled(laid, COLLAR if kind == "fold" else HOOD, seed, below)
 
 
 def _without_facets(layer: Layer) -> Layer:

@@ -16,22 +16,23 @@ from harness.core.errors import DataError, did_you_mean
 from harness.core.files.hashing import derive_seed
 from harness.data.avatars.clothes.wardrobe import Bottom, Colour, Hair, Shoes, Top
 from harness.data.avatars.clothes.weaves import Worn
-from harness.data.avatars.creased_people import (
+from harness.data.avatars.people.poses import POSES, Pose
+from harness.data.avatars.people.shape import Deformation
+from harness.data.avatars.subjects.creased_people import (
     CREASED_TRAINING_ID,
     creased_test_ids,
     creased_test_subject,
     creased_training_subject,
 )
-from harness.data.avatars.people.poses import POSES, Pose
-from harness.data.avatars.people.shape import Deformation
-from harness.data.avatars.populations import (
+from harness.data.avatars.subjects.hard import HARD_SUBJECTS
+from harness.data.avatars.subjects.populations import (
     WIDE_TRAINING_ID,
     sealed_ids,
     sealed_subject,
     wide_training_subject,
 )
-from harness.data.avatars.subjects import SUBJECTS, Subject
-from harness.data.avatars.training import TRAINING_ID, training_subject
+from harness.data.avatars.subjects.training import TRAINING_ID, training_subject
+from harness.data.avatars.subjects.written import SUBJECTS, Subject
 
 __all__ = ["AvatarRecipe", "recipe_for", "subject_ids"]
 
@@ -53,7 +54,7 @@ class AvatarRecipe:
     hair: Hair
     top: Top
     bottom: Bottom | None
-    shoes: Shoes
+    shoes: Shoes | None
     drawn_pose: Pose | None = None
     shape: Deformation | None = None
     worn: Worn | None = None
@@ -90,22 +91,29 @@ def subject_ids() -> tuple[str, ...]:
     return tuple(SUBJECTS)
 
 
+_WRITTEN = (SUBJECTS, HARD_SUBJECTS)
+_DRAWN_BY_NAME = ((sealed_ids, sealed_subject), (creased_test_ids, creased_test_subject))
+_DRAWN_BY_NUMBER = (
+    (TRAINING_ID, training_subject),
+    (WIDE_TRAINING_ID, wide_training_subject),
+    (CREASED_TRAINING_ID, creased_training_subject),
+)
+
+
 def _described(subject_id: str) -> Subject:
-    if subject_id in SUBJECTS:
-        return SUBJECTS[subject_id]
-    if TRAINING_ID.fullmatch(subject_id):
-        return training_subject(subject_id)
-    if subject_id in sealed_ids():
-        return sealed_subject(subject_id)
-    if WIDE_TRAINING_ID.fullmatch(subject_id):
-        return wide_training_subject(subject_id)
-    if subject_id in creased_test_ids():
-        return creased_test_subject(subject_id)
-    if CREASED_TRAINING_ID.fullmatch(subject_id):
-        return creased_training_subject(subject_id)
+    for subjects in _WRITTEN:
+        if subject_id in subjects:
+            return subjects[subject_id]
+    for ids, drawn in _DRAWN_BY_NAME:
+        if subject_id in ids():
+            return drawn(subject_id)
+    for form, drawn in _DRAWN_BY_NUMBER:
+        if form.fullmatch(subject_id):
+            return drawn(subject_id)
     raise DataError(
         f"no avatar '{subject_id}'",
-        expected="a01 to a20, b01 to b20, s01 to s20, or t, u or v and five digits, as t00001",
+        expected="a01 to a20, b01 to b20, h01 to h05, s01 to s20, or t, u or v and five digits, "
+        "as t00001",
         hint=did_you_mean(subject_id, SUBJECTS),
     )
 

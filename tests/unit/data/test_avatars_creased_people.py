@@ -13,14 +13,14 @@ from harness.data.avatars.clothes.drape import DrapeCheck, Draped
 from harness.data.avatars.clothes.patterns import cut_top
 from harness.data.avatars.clothes.weaves import WEAVES
 from harness.data.avatars.creased_clothes import MOST_CROSSING, creased
-from harness.data.avatars.creased_people import creased_test_ids
 from harness.data.avatars.mesh.nearness import Nearness
 from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.people.body import AvatarBody, carry
 from harness.data.avatars.people.poses import POSES, joint_rotations
-from harness.data.avatars.populations import LEAST_POSE_DISTANCE_DEG, sealed_ids
 from harness.data.avatars.recipe import recipe_for, subject_ids
 from harness.data.avatars.skin import bake
+from harness.data.avatars.subjects.creased_people import creased_test_ids
+from harness.data.avatars.subjects.populations import LEAST_POSE_DISTANCE_DEG, sealed_ids
 from harness.data.manifest import load_manifest
 from metrics.folds import PIXEL_M, fold_strength, true_normals
 from tests.unit.data.test_avatars_populations import fabrics, least_distance, poses

@@ -16,14 +16,14 @@ from harness.data.avatars.people.postures import (
     mirrored,
     pose_distance_deg,
 )
-from harness.data.avatars.populations import (
+from harness.data.avatars.recipe import recipe_for, subject_ids
+from harness.data.avatars.subjects.populations import (
     LEAST_POSE_DISTANCE_DEG,
     USUAL_HEIGHT,
     USUAL_WEIGHT,
     sealed_ids,
     sealed_subject,
 )
-from harness.data.avatars.recipe import recipe_for, subject_ids
 
 SEALED = sealed_ids()
 WIDE = tuple(f"u{k:05d}" for k in range(1, 61))

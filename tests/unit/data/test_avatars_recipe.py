@@ -10,7 +10,7 @@ from harness.core.errors import DataError
 from harness.data.avatars.clothes.wardrobe import Fabric
 from harness.data.avatars.people.poses import POSES
 from harness.data.avatars.recipe import recipe_for, subject_ids
-from harness.data.avatars.subjects import SUBJECTS
+from harness.data.avatars.subjects.written import SUBJECTS
 
 TRAINING = [f"t{k:05d}" for k in range(60)]
 

@@ -52,7 +52,8 @@ class Top:
     sleeve: share of the arm from shoulder (0) to wrist (1). hem: below the hip joint. neck: above
     the base of the neck. scoop, vee: how far the neckline is cut down in front, round or pointed.
     chest, sleeve_ease, cuff, waist: ease factors. flare: widening to the hem; ripple: depth of
-    gathers there. opening: width of the front opening, 0 if closed. collar: none, fold or hood.
+    gathers there. opening: width of the front opening, 0 if closed. collar: none, fold, hood (on
+    the back) or hood up.
     """
 
     kind: str

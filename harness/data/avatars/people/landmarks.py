@@ -12,7 +12,17 @@ import numpy as np
 from harness.data.avatars.mesh.quads import Floats, SparseMatrix
 from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody
 
-__all__ = ["Heights", "Places", "heights", "places", "ramp", "trunk_axis"]
+__all__ = [
+    "HeadPlace",
+    "Heights",
+    "Places",
+    "falling_weights",
+    "head_place",
+    "heights",
+    "places",
+    "ramp",
+    "trunk_axis",
+]
 
 _CHAINS = {
     "arm": ("upperarm01", "lowerarm01", "wrist"),
@@ -58,6 +68,38 @@ def heights(body: AvatarBody) -> Heights:
         ankle=float(body.joint("foot.L")[1]),
         ground=float(skin[:, 1].min()),
     )
+
+
+@dataclass(frozen=True)
+class HeadPlace:
+    """Centre (3,) of the head, and its highest and rearmost coordinates, unposed, metres."""
+
+    centre: Floats
+    top: float
+    back: float
+
+
+def head_place(body: AvatarBody) -> HeadPlace:
+    """Where the head of an unposed body is."""
+    skin = body.vertices[:SKIN_VERTICES]
+    share = body.members("head")[:SKIN_VERTICES]
+    own = skin[share > 0.5]
+    eyes = body.vertices[body.quads("eyes")].mean((0, 1))
+    middle = 0.5 * (own[:, 2].min() + own[:, 2].max())
+    centre = np.array([0.0, eyes[1] + 0.012, middle - 0.012])
+    return HeadPlace(centre, float(own[:, 1].max()), float(own[:, 2].min()))
+
+
+def falling_weights(body: AvatarBody, points: Floats) -> SparseMatrix:
+    """Skinning weights of what falls from the head: it follows the chest below the neck."""
+    from scipy.sparse import csr_matrix
+
+    high, low = body.joint("head")[1], body.joint("spine01")[1] + 0.06
+    share = np.clip((points[:, 1] - low) / (high - low), 0, 1)
+    weights = np.zeros((len(points), len(body.bone_names)))
+    weights[:, body.bone_names.index("head")] = share
+    weights[:, body.bone_names.index("spine01")] = 1 - share
+    return csr_matrix(weights)
 
 
 @dataclass(frozen=True)

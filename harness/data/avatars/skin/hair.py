@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from harness.data.avatars.clothes.layer import Layer
@@ -13,13 +11,13 @@ from harness.data.avatars.mesh.noise import smooth_noise
 from harness.data.avatars.mesh.quads import (
     Floats,
     Ints,
-    SparseMatrix,
     compact,
     grid,
     refine,
     vertex_normals,
 )
-from harness.data.avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
+from harness.data.avatars.people.body import AvatarBody, PosedAvatar, carry
+from harness.data.avatars.people.landmarks import HeadPlace, falling_weights, head_place
 
 __all__ = ["grow_hair"]
 
@@ -28,25 +26,6 @@ _HAIRLINE_DEG = ([0, 25, 50, 75, 90, 105, 125, 180], [44, 42, 32, 14, 14, 2, -22
 _CROWN = np.array([0.0, 0.8, -0.6])
 _SOFT_DEG = 14.0
 _SHARE = {"short": 1.0, "curly": 1.15, "long": 0.9, "bun": 0.55, "ponytail": 0.55}
-
-
-@dataclass(frozen=True)
-class _Head:
-    """Centre (3,) of the head, and its highest and rearmost coordinates, unposed."""
-
-    centre: Floats
-    top: float
-    back: float
-
-
-def _head(body: AvatarBody) -> _Head:
-    skin = body.vertices[:SKIN_VERTICES]
-    share = body.members("head")[:SKIN_VERTICES]
-    own = skin[share > 0.5]
-    eyes = body.vertices[body.quads("eyes")].mean((0, 1))
-    middle = 0.5 * (own[:, 2].min() + own[:, 2].max())
-    centre = np.array([0.0, eyes[1] + 0.012, middle - 0.012])
-    return _Head(centre, float(own[:, 1].max()), float(own[:, 2].min()))
 
 
 def _above_hairline(points: Floats, centre: Floats) -> tuple[Floats, Floats]:
@@ -73,7 +52,7 @@ def _locks(points: Floats, centre: Floats, style: str, seed: int) -> Floats:
     return broad + fine
 
 
-def _cap(body: AvatarBody, head: _Head, hair: Hair, seed: int) -> tuple[Floats, Ints]:
+def _cap(body: AvatarBody, head: HeadPlace, hair: Hair, seed: int) -> tuple[Floats, Ints]:
     quads = body.quads("skin")
     centres = body.vertices[quads].mean(1)
     above, _ = _above_hairline(centres, head.centre)
@@ -95,7 +74,7 @@ def _cap(body: AvatarBody, head: _Head, hair: Hair, seed: int) -> tuple[Floats, 
     return points + normal * depth[:, None], quads
 
 
-def _bun(head: _Head) -> tuple[Floats, Ints]:
+def _bun(head: HeadPlace) -> tuple[Floats, Ints]:
     polar, turn = np.meshgrid(
         np.linspace(0, np.pi, 34), np.arange(64) / 64 * 2 * np.pi, indexing="ij"
     )
@@ -107,7 +86,7 @@ def _bun(head: _Head) -> tuple[Floats, Ints]:
     return grid(ball + np.array([0, head.top - 0.035, head.back - 0.012]), closed=True)
 
 
-def _ponytail(head: _Head) -> tuple[Floats, Ints]:
+def _ponytail(head: HeadPlace) -> tuple[Floats, Ints]:
     s = np.linspace(0, 1, 60)
     line = np.stack(
         [
@@ -128,7 +107,7 @@ def _ponytail(head: _Head) -> tuple[Floats, Ints]:
 
 
 def _fall(
-    head: _Head, skin: Nearness, seed: int, inset: float, length: float = 0.30
+    head: HeadPlace, skin: Nearness, seed: int, inset: float, length: float = 0.30
 ) -> tuple[Floats, Ints]:
     """Hair that falls from the head over the back, ``inset`` under its outer surface."""
     angle = np.radians(np.linspace(96.0, 264.0, 150)).astype(float)
@@ -154,7 +133,7 @@ def _fall(
 
 def grow_hair(body: AvatarBody, posed: PosedAvatar, hair: Hair, seed: int) -> list[Layer]:
     """The hair of a person as layers named ``hair``: what sits on the head moves with it."""
-    head = _head(body)
+    head = head_place(body)
     parts = [_cap(body, head, hair, seed)]
     if hair.style == "bun":
         parts.append(_bun(head))
@@ -169,21 +148,9 @@ def grow_hair(body: AvatarBody, posed: PosedAvatar, hair: Hair, seed: int) -> li
         _layer(points, points @ turn[:3, :3].T + turn[:3, 3], faces) for points, faces in parts
     ]
     for points, faces in loose:
-        weights = _falling_weights(body, points)
+        weights = falling_weights(body, points)
         layers.append(_layer(points, carry(points, weights, posed.transforms), faces))
     return layers
-
-
-def _falling_weights(body: AvatarBody, points: Floats) -> SparseMatrix:
-    """Hair follows the head above the neck and the chest below it."""
-    from scipy.sparse import csr_matrix
-
-    high, low = body.joint("head")[1], body.joint("spine01")[1] + 0.06
-    share = np.clip((points[:, 1] - low) / (high - low), 0, 1)
-    weights = np.zeros((len(points), len(body.bone_names)))
-    weights[:, body.bone_names.index("head")] = share
-    weights[:, body.bone_names.index("spine01")] = 1 - share
-    return csr_matrix(weights)
 
 
 def _layer(place: Floats, vertices: Floats, faces: Ints) -> Layer:

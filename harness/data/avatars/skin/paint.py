@@ -35,7 +35,7 @@ class Appearance:
     hair: Hair
     top: Top
     bottom: Bottom | None
-    shoes: Shoes
+    shoes: Shoes | None
 
 
 def skin_masks(body: AvatarBody) -> Floats:
@@ -96,10 +96,10 @@ def _hair(looks: Appearance, place: Floats) -> Floats:
     return base * (0.72 + 0.45 * strands + 0.12 * broad)[:, None]
 
 
-def _shoes(looks: Appearance, body: AvatarBody, place: Floats) -> Floats:
+def _shoes(shoes: Shoes, body: AvatarBody, place: Floats, seed: int) -> Floats:
     points, sole = place[:, :3], place[:, 3]
-    grain = 0.05 * smooth_noise(points * 120, _seed(looks, "shoes"))
-    colour = np.asarray(looks.shoes.colour, float) * (1 + grain)[:, None]
+    grain = 0.05 * smooth_noise(points * 120, seed)
+    colour = np.asarray(shoes.colour, float) * (1 + grain)[:, None]
     ankle = body.joint("foot.L")
     across = np.abs(np.abs(points[:, 0]) - abs(ankle[0]) - 0.01)
     ahead = points[:, 2] - ankle[2]
@@ -109,9 +109,9 @@ def _shoes(looks: Appearance, body: AvatarBody, place: Floats) -> Floats:
         * (ahead > 0.045)
         * (ahead < 0.12)
     )
-    bright = sum(looks.shoes.colour) > 450
+    bright = sum(shoes.colour) > 450
     colour = mix(colour, (90, 90, 96) if bright else (225, 225, 222), laces)
-    return mix(colour, looks.shoes.sole, (sole > 0.5).astype(float))
+    return mix(colour, shoes.sole, (sole > 0.5).astype(float))
 
 
 def painters(looks: Appearance, body: AvatarBody) -> dict[str, Painter]:
@@ -125,9 +125,10 @@ def painters(looks: Appearance, body: AvatarBody) -> dict[str, Painter]:
         "skin": lambda place: _skin(looks, body, place),
         "eyes": lambda place: _eyes(looks, body, place),
         "hair": lambda place: _hair(looks, place),
-        "shoes": lambda place: _shoes(looks, body, place),
         "top": cloth(looks.top.fabric, "top"),
     }
+    if (worn := looks.shoes) is not None:
+        found["shoes"] = lambda place: _shoes(worn, body, place, _seed(looks, "shoes"))
     if looks.bottom is not None:
         found["bottom"] = cloth(looks.bottom.fabric, "bottom", "leg")
     if looks.top.inner is not None:

@@ -51,7 +51,7 @@ class Person:
 
 @dataclass(frozen=True)
 class Subject:
-    """One line of the list; ``bottom`` is None under a dress.
+    """One line of the list; ``bottom`` is None under a dress, ``shoes`` on bare feet.
 
     ``pose`` names a pose of the written library, or says in a word what ``drawn_pose`` is like.
     ``worn`` is given if the clothes crease.
@@ -61,7 +61,7 @@ class Subject:
     pose: str
     top: Top
     bottom: Bottom | None
-    shoes: Shoes
+    shoes: Shoes | None
     drawn_pose: Pose | None = None
     shape: Deformation | None = None
     worn: Worn | None = None

@@ -21,7 +21,7 @@ from harness.data.avatars.clothes.looks import (
     one_of,
 )
 from harness.data.avatars.people.poses import POSES
-from harness.data.avatars.subjects import Person, Subject
+from harness.data.avatars.subjects.written import Person, Subject
 
 __all__ = ["TRAINING_ID", "training_subject"]
 

@@ -24,8 +24,8 @@ from harness.data.avatars.clothes.looks import (
 from harness.data.avatars.clothes.wardrobe import Bottom, Fabric, Top
 from harness.data.avatars.clothes.weaves import WEAVES, Worn
 from harness.data.avatars.people.poses import Pose
-from harness.data.avatars.populations import draw_subject, written_and_sealed_poses
-from harness.data.avatars.subjects import Subject
+from harness.data.avatars.subjects.populations import draw_subject, written_and_sealed_poses
+from harness.data.avatars.subjects.written import Subject
 
 __all__ = [
     "CREASED_TRAINING_ID",

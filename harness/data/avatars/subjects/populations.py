@@ -29,7 +29,7 @@ from harness.data.avatars.clothes.wardrobe import Bottom, Top
 from harness.data.avatars.people.poses import POSES, Pose
 from harness.data.avatars.people.postures import KINDS, Figure, draw_pose
 from harness.data.avatars.people.shape import Deformation
-from harness.data.avatars.subjects import Person, Subject
+from harness.data.avatars.subjects.written import Person, Subject
 
 __all__ = [
     "LEAST_POSE_DISTANCE_DEG",

@@ -1,0 +1,1 @@
+"""Who the subjects are: a written list, people that are hard to reconstruct, people drawn by id."""
