@@ -30,6 +30,8 @@ from harness.geometry.topology import concatenated
 from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
 from methods.body_fit import BodyFit
+from methods.closed.envelope import cut_to_outlines
+from methods.closed.outlines import signed_outline
 from methods.ifnet.completion import completed_by_network, ifnet_part
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
@@ -48,6 +50,9 @@ from methods.surface.fusion import FusionParameters, fused
 from methods.surface.hands import body_hands, without_hands
 
 __all__ = ["ClothedMethod", "ClothedSettings", "SheetPlan", "integrated"]
+
+#: Spacing of the lattice on which a surface is cut: an edge of 50 000 faces is longer.
+_ENVELOPE_M = 0.004
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +79,8 @@ class ClothedSettings:
             ECON does, ``body`` both; ``sheets`` leaves what is seen.
         poisson_depth: Depth of the fusion's octree.
         faces: Decimate the mesh to about this many; 0 keeps all.
+        envelope: ``none``, or ``outlines``: what of the fused surface lies outside the outlines of
+            the photos that the body was fitted to is cut off.
     """
 
     normals: str = "open"
@@ -90,11 +97,13 @@ class ClothedSettings:
     hands: str = "sheets"
     poisson_depth: int = 10
     faces: int = 50_000
+    envelope: str = "none"
 
     def __post_init__(self) -> None:
         check_choice("hands", self.hands, ("detected", "body", "sheets"))
         check_choice("clothes", self.clothes, ("uniform", "silhouettes"))
         check_choice("completion", self.completion, ("body", "ifnet"))
+        check_choice("envelope", self.envelope, ("none", "outlines"))
         if not re.fullmatch(r"cpu|cuda(:\d+)?", self.device):
             raise HarnessError(
                 f"setting 'device' cannot be '{self.device}'", expected="cpu, cuda or cuda:1"
@@ -248,6 +257,9 @@ class ClothedMethod:
             parts = self._parts(sheets, fit, shape, camera)
         with context.stage("fusion"):
             mesh = fused(parts, self.settings.fusion)
+        if self.settings.envelope == "outlines":
+            with context.stage("envelope"):
+                mesh = self._cut(mesh, capture, fit.views_used)
         if context.keep:
             with context.stage("pictures"):
                 _keep(context, Stages(maps, parts, skin, mesh))
@@ -262,6 +274,12 @@ class ClothedMethod:
             normals=tuple(map(result_maps, maps)),
             details={**fit.details(), **details},
         )
+
+    def _cut(self, mesh: Mesh, capture: Capture, views: Sequence[int]) -> Mesh:
+        """What of a mesh the outlines of some views leave."""
+        photos = [open_photo(capture, view) for view in views]
+        outlines = [signed_outline(photo.camera, photo.coverage) for photo in photos]
+        return cut_to_outlines(mesh, outlines, _ENVELOPE_M)
 
     def _maps(self, capture: Capture, skin: Mesh, context: Context) -> list[ViewMaps]:
         choice, caster = self.settings.normal_choice, Raycaster(skin)

@@ -18,7 +18,7 @@ from harness.core.process.shared_work import Sharing, Work, alone
 from harness.core.protocols import Context
 from harness.geometry.photo import open_photo
 from methods.body.result import BodyFitResult
-from methods.nview.lattices import remeshed
+from methods.closed.lattices import remeshed
 from methods.stereo.settings import StereoSettings
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ import numpy as np
 from harness.core.arrays import Floats, Singles
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
-from methods.nview.lattices import remeshed
+from methods.closed.lattices import remeshed
+from methods.closed.outlines import outlines_distance
+from methods.closed.surfaces import Surface, smoothed_along, unit, vertex_sums
 from methods.nview.rims import RimRules, outside_rows, rim_rows
 from methods.nview.settings import FusionSettings
-from methods.nview.start import outlines_distance
-from methods.nview.surfaces import Surface, smoothed_along, unit, vertex_sums
 from methods.nview.system import MoveProblem, SingleRows, slope_rows
 from methods.nview.targets import FusedTargets, check_not_flipped, fused_targets
 from methods.nview.views import FusionView

@@ -9,9 +9,9 @@ import numpy as np
 
 from harness.core.arrays import Floats, Ints, Mask
 from harness.core.process.threads import on_all_cores
-from methods.nview.outlines import SignedOutline
+from methods.closed.outlines import SignedOutline
+from methods.closed.surfaces import Surface, lengths, unit
 from methods.nview.settings import FusionSettings
-from methods.nview.surfaces import Surface, lengths, unit
 from methods.nview.system import PairRows, SingleRows
 from methods.nview.views import FusionView
 

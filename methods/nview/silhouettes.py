@@ -10,7 +10,7 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
-from methods.nview.outlines import SignedOutline
+from methods.closed.outlines import SignedOutline
 from methods.nview.views import FusionView
 
 __all__ = ["SilhouetteFit", "coarser", "silhouette_fit"]

@@ -14,18 +14,17 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.hull import hull_distance
 from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
 from harness.geometry.raycast import Raycaster
-from methods.nview.lattices import (
+from methods.closed.lattices import (
     Lattice,
     contoured,
     evened,
     lattice_around,
     signed_distance,
 )
-from methods.nview.outlines import SignedOutline
+from methods.closed.outlines import SignedOutline, outlines_distance
 from methods.nview.silhouettes import coarser, silhouette_fit
 from methods.nview.views import FusionView
 from methods.surface.clothed_body import clothed_body
@@ -34,7 +33,6 @@ __all__ = [
     "clothed",
     "hull_field",
     "hull_lattice",
-    "outlines_distance",
     "start_surface",
 ]
 
@@ -46,8 +44,6 @@ _SEARCH_STEP_M, _SEARCH_MARGIN_M, _WIDEST = 0.04, 0.1, 1.5
 #: A distance to a cone changes by at most about the distance moved; the rest is for the change of
 #: depth and for the pixel grid.
 _CAUTION = 1.2
-#: What lies further than this outside one view is not asked of the next, metres.
-_OUTSIDE_M = 0.05
 #: How often silhouettes are compared with what the cut left, and the size of their pixels, in
 #: steps of the lattice.
 _TURNS, _PIXEL_STEPS = 2, 0.56
@@ -91,14 +87,6 @@ def clothed(body: Mesh, views: Sequence[FusionView]) -> Mesh:
 def _plain(outline: SignedOutline) -> Outline:
     """An outline as the rest of the house has it, to whole pixels."""
     return Outline(outline.camera, (outline.distance_px > 0).astype(np.float64))
-
-
-def outlines_distance(outlines: Sequence[SignedOutline], points: Floats) -> Singles:
-    """(N,) least signed distance of world points (N, 3) to the outlines' cones, metres.
-
-    Only an upper bound for points that are well outside one of them.
-    """
-    return hull_distance([outline.distances_m for outline in outlines], points, _OUTSIDE_M)
 
 
 def hull_lattice(views: Sequence[FusionView], step_m: float) -> Lattice:

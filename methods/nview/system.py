@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import AnyInts, Floats
-from methods.nview.surfaces import Surface
+from methods.closed.surfaces import Surface
 
 __all__ = ["MoveProblem", "PairRows", "SingleRows", "slope_rows"]
 

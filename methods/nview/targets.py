@@ -10,8 +10,8 @@ import numpy as np
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import MethodError
 from harness.core.process.threads import on_all_cores
+from methods.closed.surfaces import Surface, lengths, unit
 from methods.nview.settings import FusionSettings
-from methods.nview.surfaces import Surface, lengths, unit
 from methods.nview.views import FusionView, NormalTargets
 
 __all__ = ["FusedTargets", "Sightings", "check_not_flipped", "fused_targets", "sightings"]

@@ -13,7 +13,7 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.protocols import even_places
 from harness.geometry.photo import open_photo
-from methods.nview.outlines import SignedOutline, signed_outline
+from methods.closed.outlines import SignedOutline, signed_outline
 
 __all__ = [
     "MOST_VIEWS",

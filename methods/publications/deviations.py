@@ -232,6 +232,7 @@ _SURFACE_SETTINGS: dict[str, object] = {
     "surface.hands": "sheets",
     "surface.poisson_depth": 10,
     "surface.faces": 50_000,
+    "surface.envelope": "none",
 }
 _SURFACE = (
     Deviation(

@@ -10,11 +10,11 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
+from methods.closed.lattices import Lattice, winding
+from methods.closed.surfaces import Surface
 from methods.nview.fusion import fused_surface, moved_once
-from methods.nview.lattices import Lattice, winding
 from methods.nview.settings import FusionSettings
 from methods.nview.start import start_surface
-from methods.nview.surfaces import Surface
 from methods.nview.views import NormalTargets, checked_views, fusion_view
 
 RADIUS = 0.2

@@ -8,7 +8,7 @@ import pytest
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.topology import concatenated, open_edges
-from methods.nview.lattices import (
+from methods.closed.lattices import (
     Lattice,
     contoured,
     lattice_around,

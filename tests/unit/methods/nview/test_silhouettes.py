@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
+from methods.closed.lattices import remeshed
 from methods.nview import method as module
 from methods.nview.fusion import Fused, settled
-from methods.nview.lattices import remeshed
 from methods.nview.method import mexecon_plus
 from methods.nview.settings import FusionSettings
 from methods.nview.silhouettes import silhouette_fit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from methods.nview.surfaces import Surface, smoothed_along
+from methods.closed.surfaces import Surface, smoothed_along
 from methods.nview.system import MoveProblem, PairRows, SingleRows, slope_rows
 
 

@@ -10,8 +10,8 @@ from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.mesh import Mesh
 from harness.core.settings import overridden
 from harness.geometry.topology import concatenated
+from methods.closed.surfaces import Surface
 from methods.nview.settings import FusionSettings
-from methods.nview.surfaces import Surface
 from methods.nview.targets import fused_targets, sightings
 from methods.nview.views import NormalTargets, checked_views
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +228,22 @@ def test_settings_reach_the_fit_or_the_surface():
     ):
         with pytest.raises(HarnessError, match=message):
             econ.configured(wrong)
+
+
+@pytest.mark.slow
+def test_an_envelope_cuts_what_no_photo_shows(small, capture, tmp_path, monkeypatch):
+    whole = figure()
+    balloon = Mesh(0.3 * (whole.vertices - CENTRE) + CENTRE + [0.35, 0.2, 0.0], whole.faces)
+    monkeypatch.setattr(clothed, "fused", lambda *_: concatenated([whole, balloon]))
+    method = small(mexecon8, "body")
+    assert method.settings.envelope == "none"
+    plain = method.reconstruct(capture, context(tmp_path, keep=False)).mesh
+    assert plain.bounds[1, 0] > CENTRE[0] + 0.4
+    cut = ClothedMethod(
+        ("cut", "Cut"), KnownBody(), method._plan, replace(method.settings, envelope="outlines")
+    ).reconstruct(capture, context(tmp_path, keep=False))
+    assert open_edges(cut.mesh) == 0
+    assert np.abs(distances_mm(cut.mesh)).max() < 25
 
 
 @pytest.mark.slow

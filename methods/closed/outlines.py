@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,16 +10,19 @@ import numpy as np
 from harness.core.arrays import Floats, Singles
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
+from harness.geometry.hull import hull_distance
 from harness.geometry.outline import Outline
 from harness.geometry.window import Window
 
-__all__ = ["SignedOutline", "signed_outline"]
+__all__ = ["SignedOutline", "outlines_distance", "signed_outline"]
 
 #: Pixels kept around the subject's box. Points that are seen further out get the distance of the
 #: window's border, which is far outside for every use of it here.
 _MARGIN_PX = 64
 #: Step for the slope of the distance, metres: half of the way between the two points compared.
 _SLOPE_STEP_M = 0.003
+#: What lies further than this outside one view is not asked of the next, metres.
+_OUTSIDE_M = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,3 +105,11 @@ def signed_outline(camera: Camera, coverage: Floats) -> SignedOutline:
     bottom = min(box.bottom + _MARGIN_PX, camera.height)
     part = outline.cropped(Window(left, top, right - left, bottom - top))
     return SignedOutline(part.camera, part.distance_px)
+
+
+def outlines_distance(outlines: Sequence[SignedOutline], points: Floats) -> Singles:
+    """(N,) least signed distance of world points (N, 3) to the outlines' cones, metres.
+
+    Only an upper bound for points that are well outside one of them.
+    """
+    return hull_distance([outline.distances_m for outline in outlines], points, _OUTSIDE_M)

@@ -20,7 +20,7 @@ from harness.core.mesh import Mesh
 from harness.geometry.isosurface import isosurface
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import largest_piece
-from methods.nview.surfaces import Surface, smoothed_along
+from methods.closed.surfaces import Surface, smoothed_along
 
 __all__ = [
     "Lattice",
