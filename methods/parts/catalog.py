@@ -20,6 +20,7 @@ KINDS = Registry(
         "pixie": "methods.body.pixie.part:PIXIE",
         "smplx": "methods.body.models.smplx_part:SMPLX",
         "normals-onnx": "methods.normals.network_parts:NETWORKS",
+        "masks-onnx": "methods.masks.part:MASK_NETWORKS",
         "vggt": "methods.feedforward.part_kinds:VGGT_KIND",
         "da3": "methods.feedforward.part_kinds:DA3_KIND",
         "mapanything": "methods.feedforward.part_kinds:MAPANYTHING_KIND",

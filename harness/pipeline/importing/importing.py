@@ -13,6 +13,7 @@ from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.process.steps import StepReport
 from harness.data.captures.reading import read_cameras
 from harness.data.captures.views import ForeignCameras
+from harness.pipeline.importing.masks import mask_maker
 from harness.pipeline.importing.matching import matched_photos
 from harness.pipeline.importing.placing import Placed, check_scale, found_up, placed
 from harness.pipeline.importing.request import Imported, ImportRequest
@@ -40,6 +41,7 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     foreign = read_cameras(Path(request.cameras))
     check_scale(request, foreign)
     masks = Path(request.masks) if request.masks else None
+    maker = mask_maker(request.masks_by)
     matched = matched_photos(Path(request.photos), foreign, masks)
     used = replace(foreign, views=tuple(photo.view for photo in matched.photos))
     up, up_note = found_up(request, used)
@@ -47,7 +49,7 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     with exclusive_lock(directory.parent / f".{directory.name}.lock"):
         remove_leftovers(directory)
         with atomic_directory(directory) as folder:
-            taken = take_photos(matched.photos, up, request.longest_px, folder, report)
+            taken = take_photos(matched.photos, up, request.longest_px, folder, report, maker)
             found = placed(request, used, up, taken.views, folder)
             found = replace(found, notes=(up_note, *found.notes))
             warnings = (*matched.warnings, *taken.warnings, *found.warnings)

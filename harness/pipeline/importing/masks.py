@@ -1,7 +1,8 @@
-"""Masks of a person made from a photo alone, with MediaPipe's segmentation.
+"""Masks of a person made from a photo alone.
 
-The network (MediaPipe Pose 0.10.21, Apache-2.0, inside its wheel) marks the person on 256 x 256
-pixels. A guided filter then moves the outline to the edges that the photo itself has.
+MediaPipe's network (Pose 0.10.21, Apache-2.0, inside its wheel) marks the person on 256 x 256
+pixels; a network that the user imported (``methods/masks``) may do so instead. A guided filter then
+moves the outline to the edges that the photo itself has.
 
 Source of the filter: He, Sun, Tang, "Guided Image Filtering", TPAMI 2013.
 """
@@ -9,6 +10,8 @@ Source of the filter: He, Sun, Tang, "Guided Image Filtering", TPAMI 2013.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -16,8 +19,9 @@ import numpy as np
 
 from harness.core.arrays import Bytes, Floats
 from harness.core.errors import MissingPart
+from methods.masks.network import imported_network
 
-__all__ = ["made_mask", "mask_maker", "shows_others"]
+__all__ = ["MaskMaker", "by_mediapipe", "mask_maker", "shows_others"]
 
 #: Radius of the filter's window as a share of the photo's height, and what it takes for flat, in
 #: squared colours of 0 to 1: a step of 0.01.
@@ -29,26 +33,64 @@ _VEIL = (0.25, 0.75)
 _OTHER_PERSON, _NEAR, _SMALL_PX = 0.2, 0.02, 256
 
 
-def mask_maker() -> str:
-    """What makes masks, as captures name it."""
-    try:
-        return f"made with MediaPipe Pose {version('mediapipe')} and a guided filter"
-    except PackageNotFoundError:
-        return "made with MediaPipe Pose and a guided filter"
+@dataclass(frozen=True, slots=True)
+class MaskMaker:
+    """What makes masks.
+
+    Attributes:
+        title: As captures name it.
+        marked: The coverage (H, W), 0 to 1, that a network gives a photo (H, W, 3) uint8; None if
+            nobody is in it.
+        chooses: Whether the network marks one person where there are several.
+    """
+
+    title: str
+    marked: Callable[[Bytes], Floats | None]
+    chooses: bool
+
+    def __call__(self, rgb: Bytes) -> Bytes | None:
+        """(H, W) uint8 coverage by the person in a photo (H, W, 3); None without one.
+
+        Raises:
+            MissingPart: what the network needs is not installed.
+        """
+        rough = self.marked(rgb)
+        if rough is None or not (rough > 0.5).any():
+            return None
+        return _refined(rgb, rough)
 
 
-def made_mask(rgb: Bytes) -> Bytes | None:
-    """(H, W) uint8 coverage by the most prominent person in a photo (H, W, 3); None without one.
+def mask_maker(name: str = "") -> MaskMaker:
+    """The maker of a name: an imported network, or without a name MediaPipe.
 
     Raises:
-        MissingPart: MediaPipe is not installed.
+        MissingPart: no network of that name was imported.
+        DataError: its file is not the one that was imported.
     """
+    if not name:
+        return by_mediapipe()
+    network = imported_network(name)
+    return MaskMaker(f"made with {network.title} and a guided filter", network, chooses=False)
+
+
+def by_mediapipe() -> MaskMaker:
+    """MediaPipe, which marks the most prominent person."""
+    try:
+        title = f"made with MediaPipe Pose {version('mediapipe')} and a guided filter"
+    except PackageNotFoundError:
+        title = "made with MediaPipe Pose and a guided filter"
+    return MaskMaker(title, _marked_by_mediapipe, chooses=True)
+
+
+def _marked_by_mediapipe(rgb: Bytes) -> Floats | None:
     found = _network().process(np.ascontiguousarray(rgb))
     if found.pose_landmarks is None or found.segmentation_mask is None:
         return None
-    rough = np.clip(np.asarray(found.segmentation_mask, dtype=np.float64), 0.0, 1.0)
-    if not (rough > 0.5).any():
-        return None
+    return np.clip(np.asarray(found.segmentation_mask, dtype=np.float64), 0.0, 1.0)
+
+
+def _refined(rgb: Bytes, rough: Floats) -> Bytes:
+    """(H, W) uint8 coverage whose outline follows the photo's own edges."""
     fine = _guided(rgb / 255.0, rough, max(2, round(_RADIUS * rgb.shape[0])))
     low, high = _VEIL
     return np.round(255 * np.clip((fine - low) / (high - low), 0.0, 1.0)).astype(np.uint8)

@@ -22,6 +22,7 @@ class ImportRequest:
         photos: Folder with the photos.
         cameras: File or folder with their cameras.
         masks: Folder with their masks; empty takes alpha, and where there is none makes masks.
+        masks_by: The imported network that makes masks; empty is MediaPipe.
         directory: Folder of the capture to be made.
         dataset: Its dataset.
         subject: Its name there.
@@ -42,6 +43,7 @@ class ImportRequest:
     subject: str
     recipe: str
     masks: str = ""
+    masks_by: str = ""
     up: str = AUTO
     facing: str = AUTO
     height_m: float = 0.0

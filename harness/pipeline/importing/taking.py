@@ -18,7 +18,7 @@ from harness.data.captures.pictures import TakenPhoto, read_photo
 from harness.geometry.images import load_rgba, save_png
 from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
-from harness.pipeline.importing.masks import made_mask, mask_maker, shows_others
+from harness.pipeline.importing.masks import MaskMaker, by_mediapipe, shows_others
 from harness.pipeline.importing.matching import MatchedPhoto
 from harness.pipeline.importing.subject import cut_sides, one_person
 from harness.pipeline.importing.world import quarters_upright
@@ -68,7 +68,12 @@ class TakenViews:
 
 
 def take_photos(
-    photos: Sequence[MatchedPhoto], up: Floats, longest_px: int, folder: Path, report: StepReport
+    photos: Sequence[MatchedPhoto],
+    up: Floats,
+    longest_px: int,
+    folder: Path,
+    report: StepReport,
+    maker: MaskMaker | None = None,
 ) -> TakenViews:
     """Write the photos' pictures below ``folder``; a photo without a person is left out.
 
@@ -78,23 +83,26 @@ def take_photos(
         longest_px: Pictures with a longer side are made smaller.
         folder: Of the capture.
         report: Called after every photo.
+        maker: Makes the masks that are missing; MediaPipe if none is given.
 
     Raises:
         DataError: a photo or mask that cannot be read, or no photo that shows a person.
-        MissingPart: masks have to be made, and MediaPipe is not installed.
+        MissingPart: masks have to be made, and what makes them is not installed.
     """
+    maker = maker or by_mediapipe()
     views: list[TakenView] = []
     warnings: list[str] = []
     for number, photo in enumerate(photos):
         taken = read_photo(photo.path, photo.view, photo.mask)
         taken = taken.turned(quarters_upright(taken.camera, up)).resized(longest_px)
-        coverage, mask_from = _coverage(taken, photo)
+        coverage, mask_from = _coverage(taken, photo, maker)
         coverage = np.minimum(coverage, taken.shown)
         if (coverage >= 128).any():
             picture = np.dstack([taken.rgb, coverage])
             save_png(folder / image_name(len(views)), picture)
             sha256 = file_sha256(photo.path)
-            if mask_from == mask_maker() and shows_others(taken.rgb, coverage):
+            chosen_by_maker = maker.chooses and mask_from == maker.title
+            if chosen_by_maker and shows_others(taken.rgb, coverage):
                 warnings.append(
                     f"more than one person in {photo.name}: the one whom MediaPipe chose is kept; "
                     "give a mask if another is meant"
@@ -106,7 +114,7 @@ def take_photos(
     if not views:
         raise DataError(
             "no photo shows a person",
-            expected="photos with alpha, masks, or a person that MediaPipe finds",
+            expected="photos with alpha, masks, or a person that is found in them",
             hint="Give masks with --masks FOLDER",
         )
     views, chosen = _same_person(views)
@@ -115,12 +123,12 @@ def take_photos(
     return TakenViews(tuple(views), (*warnings, *chosen, *_cut(views)))
 
 
-def _coverage(taken: TakenPhoto, photo: MatchedPhoto) -> tuple[Bytes, str]:
+def _coverage(taken: TakenPhoto, photo: MatchedPhoto, maker: MaskMaker) -> tuple[Bytes, str]:
     """The coverage of a picture, and where it came from."""
     if taken.alpha is not None:
         return taken.alpha, "the photo's alpha" if photo.mask is None else "a mask file"
-    made = made_mask(taken.rgb)
-    return (np.zeros(taken.rgb.shape[:2], np.uint8) if made is None else made), mask_maker()
+    made = maker(taken.rgb)
+    return (np.zeros(taken.rgb.shape[:2], np.uint8) if made is None else made), maker.title
 
 
 def _same_person(views: list[TakenView]) -> tuple[list[TakenView], list[str]]:

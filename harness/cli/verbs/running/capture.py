@@ -42,6 +42,15 @@ Masks = Annotated[
         "where there is none, masks are made.",
     ),
 ]
+MasksBy = Annotated[
+    str,
+    typer.Option(
+        "--masks-by",
+        metavar="NAME",
+        help="Imported network that makes masks which are missing; see 'harness parts list'. "
+        "Default: MediaPipe.",
+    ),
+]
 Name = Annotated[
     str, typer.Option("--name", metavar="NAME", help="Name of the capture. Default: DIR's name.")
 ]
@@ -99,6 +108,7 @@ def import_photos(
     folder: Folder,
     cameras: Cameras = None,
     masks: Masks = None,
+    masks_by: MasksBy = "",
     name: Name = "",
     up: Up = AUTO,
     facing: Facing = AUTO,
@@ -122,6 +132,7 @@ def import_photos(
         photos=str(folder.resolve()),
         cameras=str((cameras or find_cameras(folder)).resolve()),
         masks="" if masks is None else str(masks.resolve()),
+        masks_by=masks_by,
         directory=str(place.capture(CAPTURES, subject, IMPORTED)),
         dataset=CAPTURES,
         subject=subject,

@@ -31,7 +31,7 @@ def test_a_rough_outline_moves_to_the_edge_of_the_photo(monkeypatch, photo, asid
     rgb, inside = photo
     rough = np.roll(inside, aside, axis=1)
     network(monkeypatch, "_network", rough.astype(np.float32))
-    made = masks.made_mask(rgb)
+    made = masks.by_mediapipe()(rgb)
     assert made is not None
     found = made >= 128
     before = (rough & inside).sum() / (rough | inside).sum()
@@ -43,9 +43,9 @@ def test_a_rough_outline_moves_to_the_edge_of_the_photo(monkeypatch, photo, asid
 def test_a_photo_without_a_person_has_no_mask(monkeypatch, photo):
     rgb, inside = photo
     network(monkeypatch, "_network", inside.astype(np.float32), landmarks=False)
-    assert masks.made_mask(rgb) is None
+    assert masks.by_mediapipe()(rgb) is None
     network(monkeypatch, "_network", np.zeros((120, 80), np.float32))
-    assert masks.made_mask(rgb) is None
+    assert masks.by_mediapipe()(rgb) is None
 
 
 @pytest.mark.parametrize(
@@ -58,3 +58,27 @@ def test_another_person_is_told(monkeypatch, photo, columns, others):
         everybody[30:110, slice(*columns)] = 1.0
     network(monkeypatch, "_everybody", everybody)
     assert masks.shows_others(rgb, 255 * inside.astype(np.uint8)) is others
+
+
+def test_a_network_of_the_users_own_makes_the_masks(monkeypatch, photo):
+    rgb, inside = photo
+    asked = []
+
+    def imported(name):
+        asked.append(name)
+        return Marking()
+
+    class Marking:
+        title = "U2-Net (Apache-2.0)"
+
+        def __call__(self, picture):
+            return np.where(inside, 0.9, 0.1)
+
+    monkeypatch.setattr(masks, "imported_network", imported)
+    maker = masks.mask_maker("mine")
+    assert asked == ["mine"]
+    assert maker.title == "made with U2-Net (Apache-2.0) and a guided filter"
+    made = maker(rgb)
+    assert made is not None
+    assert ((made >= 128) ^ inside).mean() < 0.02
+    assert masks.mask_maker().title.startswith("made with MediaPipe")

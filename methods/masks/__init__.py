@@ -1,0 +1,1 @@
+"""Networks of others that mark the person in a photo, which the user imported."""

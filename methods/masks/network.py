@@ -1,0 +1,128 @@
+"""A network that marks the person in a photo: checked when it is imported, and run.
+
+The file has one input (1, 3, S, S) and, as its first output, one map (1, 1, S, S).
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.arrays import Bytes, Floats
+from harness.core.errors import DataError, MethodError
+from harness.geometry.images import resampled
+from methods.masks.part import MASK_NETWORKS, NETWORK_FILE, RECIPE
+from methods.masks.recipes import MaskRecipe, mask_recipe
+from methods.parts.kind import ImportOptions
+from methods.parts.onnx_session import answers, open_session
+from methods.parts.store import Examined
+
+__all__ = ["MaskNetwork", "examine", "imported_network"]
+
+
+class MaskNetwork:
+    """Runs a network with onnxruntime on all cores of the processor.
+
+    Attributes:
+        title: What it is, as captures name it.
+
+    Raises:
+        MissingPart: onnxruntime is not installed.
+        DataError: the file is no such network.
+    """
+
+    def __init__(self, path: Path, recipe: MaskRecipe, title: str) -> None:
+        self.title = title
+        self._recipe, self._session = recipe, open_session(path)
+        inputs = self._session.get_inputs()
+        if len(inputs) != 1 or len(inputs[0].shape) != 4:
+            raise DataError(
+                f"{path} is no network that marks a person",
+                expected="one input, a picture (1, 3, height, width)",
+                got=", ".join(f"{node.name} {node.shape}" for node in inputs) or "no input",
+            )
+        self._input = inputs[0].name
+        side = inputs[0].shape[2]
+        if isinstance(side, int) and side != recipe.side_px:
+            raise DataError(
+                f"{path} is not a network of the recipe",
+                expected=f"pictures of {recipe.side_px} pixels",
+                got=f"{side} pixels",
+            )
+
+    def __call__(self, rgb: Bytes) -> Floats:
+        """(H, W) coverage by the person, 0 to 1, of a photo (H, W, 3).
+
+        Raises:
+            MethodError: the network does not answer with one map, or not with numbers.
+        """
+        height, width, _ = rgb.shape
+        side = self._recipe.side_px
+        answer = answers(self._session, self.title, {self._input: self._shown(rgb)})[0]
+        if answer.size != side * side or not np.isfinite(answer).all():
+            raise MethodError(
+                f"{self.title} does not answer with the mask of a photo",
+                expected=f"{side} x {side} finite numbers",
+                got=f"shape {answer.shape}",
+            )
+        coverage = _coverage(answer.reshape(side, side), self._recipe)
+        return np.clip(resampled(coverage, (width, height), "bilinear"), 0.0, 1.0)
+
+    def _shown(self, rgb: Bytes) -> NDArray[np.float32]:
+        """The photo (1, 3, S, S) as the network wants it."""
+        recipe = self._recipe
+        picture = resampled(rgb / 255.0, (recipe.side_px, recipe.side_px), "bilinear")
+        if recipe.of_brightest:
+            picture = picture / max(float(picture.max()), 1e-6)
+        picture = (picture - np.array(recipe.means)) / np.array(recipe.deviations)
+        return np.moveaxis(picture, -1, 0)[None].astype(np.float32)
+
+
+def _coverage(answer: NDArray[np.float32], recipe: MaskRecipe) -> Floats:
+    values = answer.astype(np.float64)
+    if recipe.logits:
+        return 1.0 / (1.0 + np.exp(-np.clip(values, -60.0, 60.0)))
+    low, high = float(values.min()), float(values.max())
+    # A photo that is the same everywhere shows nobody.
+    return (values - low) / (high - low) if high > low else np.zeros_like(values)
+
+
+def examine(file: Path, options: ImportOptions) -> Examined:
+    """A network that was tried once; see ``methods.parts.store.Examine``.
+
+    Raises:
+        HarnessError: no recipe, or an unknown one.
+        DataError: it is no network of that recipe.
+        MissingPart: onnxruntime is not installed.
+    """
+    recipe = mask_recipe(options.recipe)
+    network = MaskNetwork(file, recipe, file.name)
+    try:
+        network(np.zeros((8, 8, 3), np.uint8))
+    except MethodError as error:
+        raise DataError(error.what, expected=error.expected, got=error.got) from error
+    return Examined(
+        name=options.recipe,
+        title=f"{recipe.title} ({recipe.licence})",
+        write=lambda folder: _copied(file, folder),
+        details={RECIPE: options.recipe},
+    )
+
+
+def _copied(file: Path, folder: Path) -> None:
+    shutil.copyfile(file, folder / NETWORK_FILE)
+
+
+def imported_network(name: str) -> MaskNetwork:
+    """The network that was imported under a name.
+
+    Raises:
+        MissingPart: there is none, or onnxruntime is not installed.
+        DataError: its file is not the one that was imported.
+    """
+    part = MASK_NETWORKS.find(name)
+    recipe = mask_recipe(part.details[RECIPE])
+    return MaskNetwork(part.file(NETWORK_FILE), recipe, part.installed.title)
