@@ -42,6 +42,8 @@ PLANTS = [
     (ROOMS, "methods/clothed.py", "import methods.econ"),
     (ROOMS, "methods/parts/kind.py", "import methods.body.result"),
     (ROOMS, "methods/ifnet/part.py", "import methods.surface.sheets"),
+    (ROOMS, "methods/closed/envelope.py", "import methods.surface.sheets"),
+    (ROOMS, "methods/masks/part.py", "import methods.normals.window"),
     (FIT, "methods/body/models/model.py", "import methods.body.photos.views"),
     (FIT, "methods/body/photos/views.py", "import methods.body.fit.weights"),
     (FIT, "methods/body/stray.py", ""),
