@@ -15,7 +15,7 @@ from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.geometry.images import save_png
 from harness.geometry.place import Place
 from harness.pipeline.run.chosen_method import ChosenMethod
-from methods.body.fit.landmark_fit import average
+from methods.body.fit.landmark_fit import average, average_of_columns
 from methods.body.models.model import neutral
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.models.smplx_part import SMPLX, named_model
@@ -216,7 +216,9 @@ def test_views_all_round_agree_on_one_body(body, pixie, capture):
         pixie(seen_by(crop, 0.9).turn.T @ truth, (0.9, 0.0, 0.0))
         bodies.append(found(body, photos, view(photos, index, (0.0, 0.0, 0.0))))
     together = {name: torch.cat([one[name] for one in bodies]) for name in bodies[0]}
-    mean = average(together)
+    mean = average_of_columns(together)
+    for name, values in average(together).items():
+        torch.testing.assert_close(mean[name], values, atol=1e-5, rtol=0)
     np.testing.assert_allclose(mean["orientation"][0], truth[:, :2], atol=1e-5)
     np.testing.assert_allclose(mean["pose"][0, 0], Rotation.from_matrix(HIP).as_rotvec(), atol=1e-5)
     np.testing.assert_allclose(mean["pose"][0, [11, 14, 19, 20]], 0.0, atol=1e-5)
