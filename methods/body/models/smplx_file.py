@@ -173,6 +173,10 @@ def checked_model(path: Path) -> dict[str, NDArray[Any]]:
 
 def _values(path: Path, name: str, array: NDArray[Any]) -> NDArray[Any]:
     below = _ARRAYS[name].below
+    if array.dtype.kind not in "fiu":
+        raise DataError(
+            f"{path} is damaged: {name} holds {array.dtype} and no numbers", hint=_WHERE
+        )
     if not below:
         # Real models reach 1; beyond float32 there is nothing but damage.
         if not np.isfinite(array).all() or np.abs(array).max() > 1e6:
