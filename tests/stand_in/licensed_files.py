@@ -6,6 +6,7 @@ takes them. What comes out of a run with them says nothing about anybody's metho
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -21,17 +22,19 @@ from methods.normals.econ.network import NormalGenerator
 from methods.normals.econ.part import FILES
 from methods.parts.onnx_export import bare, shapes_of
 
-__all__ = ["write_all", "write_ifnet", "write_normals", "write_pixie", "write_smplx"]
+__all__ = ["FULL_WIDTH", "write_all", "write_ifnet", "write_normals", "write_pixie", "write_smplx"]
 
 Numbers = dict[str, NDArray[np.float32]]
 _SEED = 0
+#: Channels of ECON's normal networks at full resolution.
+FULL_WIDTH = 64
 
 
-def write_all(folder: Path) -> dict[str, tuple[Path, ...]]:
+def write_all(folder: Path, width: int = FULL_WIDTH) -> dict[str, tuple[Path, ...]]:
     """All files by kind of part, in the order of their import; 2.2 GB. Those there are kept."""
     folder.mkdir(parents=True, exist_ok=True)
     writers: dict[str, dict[str, Callable[[Path], Path]]] = {
-        "econ-normal": {"normal.ckpt": write_normals},
+        "econ-normal": {"normal.ckpt": functools.partial(write_normals, width=width)},
         "ifnet": {"ifnet.ckpt": write_ifnet},
         "pixie": {"pixie_model.tar": write_pixie},
         "smplx": dict.fromkeys(
@@ -46,7 +49,7 @@ def write_all(folder: Path) -> dict[str, tuple[Path, ...]]:
     return {kind: tuple(folder / name for name in files) for kind, files in writers.items()}
 
 
-def write_normals(path: Path, width: int = 64) -> Path:
+def write_normals(path: Path, width: int = FULL_WIDTH) -> Path:
     """ECON's networks: whatever they see, the surface faces the viewer, or away."""
     numbers: Numbers = {}
     for name in FILES:
