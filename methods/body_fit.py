@@ -23,11 +23,14 @@ from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
 from methods.body.models.parts import body_part
 from methods.body.models.smplx_body import SmplxBody
+from methods.body.models.smplx_part import named_model
 from methods.body.photos import detection
 from methods.body.photos.views import Given, Views, load_views
-from methods.body.pixie.start import pixie_each_view, pixie_part
+from methods.body.pixie.decode import PixieView
+from methods.body.pixie.start import held_values, pixie_each_view, pixie_part, pixie_sees
 from methods.body.result import BodyFitResult
 from methods.body.settings import FitSettings
+from methods.body.smplx_offsets import offsets_part
 from methods.body.stored_fit import packed, unpacked
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO, JMBO_PLUS
@@ -148,7 +151,13 @@ class BodyFit:
                 context.share,
             )
         with context.stage("body model"):
-            body = body_model(self.settings.model, self.settings.model_file)
+            body = body_model(self.settings.model, _model_file(self.settings))
+        seen: tuple[PixieView, ...] = ()
+        if self.settings.uses_pixie:
+            with context.stage("first bodies"):
+                seen = pixie_sees(views.views, capture)
+            assert isinstance(body, SmplxBody), "the settings want SMPL-X for PIXIE"
+            body = body.holding(held_values(body, seen[0]))
 
         def normals_in(own: Views, world_to_fit: Floats) -> NormalsOf:
             moved = _moved(capture, world_to_fit)
@@ -157,7 +166,7 @@ class BodyFit:
 
         def first_in(own: Views, world_to_fit: Floats) -> dict[str, Any]:
             assert isinstance(body, SmplxBody), "the settings want SMPL-X for PIXIE"
-            return pixie_each_view(body, own.views, _moved(capture, world_to_fit))
+            return pixie_each_view(body, own.views, seen, _moved(capture, world_to_fit))
 
         return fit_body(
             body,
@@ -187,9 +196,14 @@ def _moved(capture: Capture, world_to_fit: Floats) -> Capture:
     return replace(capture, cameras=cameras)
 
 
+def _model_file(settings: FitSettings) -> str:
+    return named_model(settings.model_file, for_pixie=settings.uses_pixie)
+
+
 def _parts(settings: FitSettings) -> tuple[Part, ...]:
     return (
-        body_part(settings.model, settings.model_file),
+        body_part(settings.model, _model_file(settings)),
+        *((offsets_part(),) if settings.model == "smplx" else ()),
         detection.part(),
         *((pixie_part(),) if settings.uses_pixie else ()),
         *((NormalChoice(settings.normals).part,) if settings.wants_network else ()),

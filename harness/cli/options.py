@@ -17,6 +17,7 @@ __all__ = [
     "Json",
     "ManifestPath",
     "MethodsToRun",
+    "Parts",
     "Protocol",
     "Reason",
     "Recipe",
@@ -58,6 +59,15 @@ MethodsToRun = Annotated[
         "--method",
         metavar="NAMES",
         help="Methods to run, comma-separated; 'harness methods list' names them.",
+    ),
+]
+Parts = Annotated[
+    str,
+    typer.Option(
+        "--parts",
+        metavar="CHOICE",
+        help="Parts to run with: open; paper, which are those that you imported; or pairs such as "
+        "normals=econ,body=smplx,start=pixie,completion=ifnet.",
     ),
 ]
 Seed = Annotated[

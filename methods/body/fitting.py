@@ -14,7 +14,13 @@ from harness.core.artifacts import Body, BodyLandmarks
 from harness.core.protocols import Context
 from methods.body.fit.fit_frame import fit_frame, in_frame, out_of_frame
 from methods.body.fit.jmbo import NormalsOf, optimise
-from methods.body.fit.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
+from methods.body.fit.landmark_fit import (
+    average,
+    average_of_columns,
+    fit_each_view,
+    fit_jointly,
+    swapped_views,
+)
 from methods.body.models.model import MAIN_JOINTS, Parameters, ParametricBody, Posed
 from methods.body.photos.views import Views
 from methods.body.result import BodyFitResult, FitCost
@@ -92,10 +98,9 @@ def fitted_parameters(
     views = in_frame(views, world_to_fit)
     with context.stage("single views"):
         if first_in is None:
-            singles = fit_each_view(body.sparse(), views.views, views.detections)
+            parameters = average(fit_each_view(body.sparse(), views.views, views.detections))
         else:
-            singles = first_in(views, world_to_fit)
-        parameters = average(singles)
+            parameters = average_of_columns(first_in(views, world_to_fit))
     swapped, cost = None, None
     if settings.stage in ("landmarks", "jmbo") and "landmarks" in (settings.stage, settings.start):
         with context.stage("joint landmarks"):

@@ -18,11 +18,13 @@ class FitSettings(Weights):
     Attributes:
         model: The body model, ``anny`` or ``smplx``.
         model_file: The user's own SMPL-X model, for ``smplx``: a file, which has a slash or ends in
-            .npz or .pkl, or the name of an imported one; empty is the imported neutral one.
+            .npz or .pkl, or the name of an imported one; empty is the imported neutral one, and for
+            the start ``pixie`` SMPLX_NEUTRAL_2020 where it is imported.
         stage: How far the fit goes: ``front``, ``average``, ``landmarks`` or ``jmbo``.
         start: What JMBO starts from: ``average``, the mean of bodies that are fitted to the
             landmarks of each view; ``pixie``, the mean of those that PIXIE regresses from each view
-            (the paper), which wants the model ``smplx``; or ``landmarks``, one body fitted to the
+            (the paper), which wants the model ``smplx`` and keeps the face and the hands that PIXIE
+            sees in the first view; or ``landmarks``, one body fitted to the
             landmarks of all views, which also finds views with left and right exchanged.
         normals: What the normal term compares the body with: ``off``; ``open``, the network that is
             shipped; ``econ``, ECON's own, which the user imported; or ``oracle``, rendered from

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from harness.core.protocols import Deviation
+from methods.publications import with_parts
 from methods.publications.published import Published
 
 __all__ = [
@@ -67,8 +68,7 @@ _INITIAL_BODY = Deviation(
     "pose and shape",
     _LICENSED,
 )
-#: With PIXIE that step is as published; the average of its bodies is what the fit starts from.
-_FIRST_BY_PIXIE = {_INITIAL_BODY.what: ("body.start", "pixie")}
+#: With PIXIE the average of its bodies is what the fit starts from, as published.
 _STARTS: dict[str, object] = {"body.start": "pixie"}
 _LANDMARKS = (
     Deviation(
@@ -197,8 +197,9 @@ PUBLISHED_JMBO = Published(
     _MEXECON_SOURCE,
     _BODY_SETTINGS,
     _BODY_REASONS,
-    (_INITIAL_BODY, *_LANDMARKS, _CAMERA, *_FIT, *_MEXECON_FIT),
-    _FIRST_BY_PIXIE,
+    (_INITIAL_BODY, *_LANDMARKS, _CAMERA, *_FIT, *_MEXECON_FIT, *with_parts.STEPS),
+    with_parts.ENDED,
+    with_parts.ONLY_WITH,
     _STARTS,
 )
 JMBO_WITHOUT_HEAD = replace(PUBLISHED_JMBO, settings={**_BODY_SETTINGS, "body.head": 0.0})
@@ -206,15 +207,17 @@ BODY_AVERAGE = Published(
     _MEXECON_SOURCE,
     {"body.model": "smplx", "body.stage": "average"},
     _BODY_REASONS,
-    (_INITIAL_BODY, *_LANDMARKS, _CAMERA),
-    _FIRST_BY_PIXIE,
+    (_INITIAL_BODY, *_LANDMARKS, _CAMERA, *with_parts.STEPS),
+    with_parts.ENDED,
+    with_parts.ONLY_WITH,
 )
 BODY_FRONT = Published(
     _MEXECON_SOURCE,
     {"body.model": "smplx", "body.stage": "front"},
     _BODY_REASONS,
-    (_INITIAL_BODY, *_LANDMARKS, _CAMERA, _SINGLE_VIEW_DEPTH),
-    _FIRST_BY_PIXIE,
+    (_INITIAL_BODY, *_LANDMARKS, _CAMERA, _SINGLE_VIEW_DEPTH, *with_parts.STEPS),
+    with_parts.ENDED,
+    with_parts.ONLY_WITH,
 )
 
 _SURFACE_REASONS = {
@@ -322,7 +325,8 @@ MEXECON = Published(
     {**_BODY_SETTINGS, **_SURFACE_SETTINGS},
     {**_BODY_REASONS, **_SURFACE_REASONS},
     (*PUBLISHED_JMBO.steps, *_SURFACE, *_MEXECON_SURFACE),
-    _FIRST_BY_PIXIE,
+    with_parts.ENDED,
+    with_parts.ONLY_WITH,
     _STARTS,
 )
 MEXECON_CEILING = replace(
@@ -346,8 +350,9 @@ ECON = Published(
     {**_BODY_REASONS, **_SURFACE_REASONS},
     (
         *(_INITIAL_BODY, *_LANDMARKS, _CAMERA, _SINGLE_VIEW_DEPTH),
-        *(*_FIT, *_ECON_FIT, *_SURFACE, *_ECON_SURFACE),
+        *(*_FIT, *_ECON_FIT, *_SURFACE, *_ECON_SURFACE, *with_parts.STEPS),
     ),
-    {**_FIRST_BY_PIXIE, "normals": ("surface.normals", "econ")},
+    {**with_parts.ENDED, "normals": ("surface.normals", "econ")},
+    with_parts.ONLY_WITH,
     _STARTS,
 )

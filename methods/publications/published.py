@@ -29,6 +29,7 @@ class Published:
         reasons: Why a setting differs by default, by ``room.setting``.
         steps: Differences that no setting shows.
         ended_by: Steps, by name, that are no differences where a ``room.setting`` has a value.
+        only_with: Steps, by name, that are differences only where a ``room.setting`` has a value.
         also: Further values by ``room.setting`` that are as published.
     """
 
@@ -37,6 +38,9 @@ class Published:
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     steps: tuple[Deviation, ...] = ()
     ended_by: Mapping[str, tuple[str, object]] = field(
+        default_factory=dict[str, tuple[str, object]]
+    )
+    only_with: Mapping[str, tuple[str, object]] = field(
         default_factory=dict[str, tuple[str, object]]
     )
     also: Mapping[str, object] = field(default_factory=dict[str, object])
@@ -53,12 +57,16 @@ class Published:
             if here not in (published, self.also.get(path, published)):
                 why = self.reasons.get(path, SET_BY_USER)
                 found.append(Deviation(path, str(published), str(here), why))
-        ended = {
-            step
-            for step, (path, value) in self.ended_by.items()
-            if _value(parameters, path) == value
-        }
-        return (*found, *(step for step in self.steps if step.what not in ended))
+        ended = _holding(self.ended_by, parameters)
+        absent = self.only_with.keys() - _holding(self.only_with, parameters)
+        return (*found, *(step for step in self.steps if step.what not in ended | absent))
+
+
+def _holding(
+    conditions: Mapping[str, tuple[str, object]], parameters: Mapping[str, Mapping[str, object]]
+) -> set[str]:
+    """The names whose setting has its value."""
+    return {name for name, (path, value) in conditions.items() if _value(parameters, path) == value}
 
 
 def _value(parameters: Mapping[str, Mapping[str, object]], path: str) -> object:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from harness.core.protocols import Deviation
 from harness.pipeline.run.chosen_method import ChosenMethod
+from methods.publications import with_parts
 from methods.publications.published import SET_BY_USER, Published
 from methods.surface.front_back import FrontBackParameters
 
@@ -115,3 +117,25 @@ def test_comparison_finds_what_differs_and_no_more():
     published = Published("A paper", {"a.x": 1, "a.y": 2, "a.unused": 3}, {"a.x": "because"})
     found = published.deviations({"a": {"x": 5, "y": 2, "z": 7}})
     assert [(entry.what, entry.why) for entry in found] == [("a.x", "because")]
+
+
+def test_a_step_may_differ_only_with_a_value():
+    step = Deviation("turned", "once", "twice", "why")
+    published = Published("paper", {}, steps=(step,), only_with={"turned": ("a.x", 5)})
+    assert published.deviations({"a": {"x": 5}}) == (step,)
+    assert published.deviations({"a": {"x": 4}}) == ()
+    assert published.deviations({}) == ()
+
+
+@pytest.mark.parametrize("name", ["body-front", "body-average", "jmbo8", "econ", "mexecon8"])
+def test_the_papers_parts_have_deviations_of_their_own(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("HARNESS_PARTS", str(tmp_path))
+    own = {"body.model": "smplx"}
+    listed = {each.what for each in ChosenMethod.of(name, own).info.deviations}
+    assert "landmark positions on SMPL-X" in listed
+    assert not {"body.model", "landmark positions on the body", "size of the body"} & listed
+    open_parts = {each.what for each in ChosenMethod.of(name, {}).info.deviations}
+    assert "landmark positions on the body" in open_parts
+    assert not {"landmark positions on SMPL-X", "pictures that PIXIE sees"} & open_parts
+    for each in with_parts.STEPS:
+        assert all((each.published, each.here, each.why)), each.what

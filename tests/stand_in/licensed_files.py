@@ -6,7 +6,8 @@ takes them. What comes out of a run with them says nothing about anybody's metho
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,25 +22,34 @@ from methods.normals.econ.network import NormalGenerator
 from methods.normals.econ.part import FILES
 from methods.parts.onnx_export import bare, shapes_of
 
-__all__ = ["write_all", "write_ifnet", "write_normals", "write_pixie", "write_smplx"]
+__all__ = ["FULL_WIDTH", "write_all", "write_ifnet", "write_normals", "write_pixie", "write_smplx"]
 
 Numbers = dict[str, NDArray[np.float32]]
 _SEED = 0
+#: Channels of ECON's normal networks at full resolution.
+FULL_WIDTH = 64
 
 
-def write_all(folder: Path) -> dict[str, tuple[Path, ...]]:
-    """All files by kind of part, in the order of their import; 2.2 GB."""
+def write_all(folder: Path, width: int = FULL_WIDTH) -> dict[str, tuple[Path, ...]]:
+    """All files by kind of part, in the order of their import; 2.2 GB. Those there are kept."""
     folder.mkdir(parents=True, exist_ok=True)
-    models = ("SMPLX_NEUTRAL", "SMPLX_MALE", "SMPLX_NEUTRAL_2020")
-    return {
-        "econ-normal": (write_normals(folder / "normal.ckpt"),),
-        "ifnet": (write_ifnet(folder / "ifnet.ckpt"),),
-        "pixie": (write_pixie(folder / "pixie_model.tar"),),
-        "smplx": tuple(write_smplx(folder / f"{name}.npz") for name in models),
+    writers: dict[str, dict[str, Callable[[Path], Path]]] = {
+        "econ-normal": {"normal.ckpt": functools.partial(write_normals, width=width)},
+        "ifnet": {"ifnet.ckpt": write_ifnet},
+        "pixie": {"pixie_model.tar": write_pixie},
+        "smplx": dict.fromkeys(
+            ("SMPLX_NEUTRAL.npz", "SMPLX_MALE.npz", "SMPLX_NEUTRAL_2020.npz"), write_smplx
+        ),
     }
+    for files in writers.values():
+        for name, write in files.items():
+            if not (folder / name).exists():
+                partial = folder / f".partial-{name}"
+                write(partial).replace(folder / name)
+    return {kind: tuple(folder / name for name in files) for kind, files in writers.items()}
 
 
-def write_normals(path: Path, width: int = 64) -> Path:
+def write_normals(path: Path, width: int = FULL_WIDTH) -> Path:
     """ECON's networks: whatever they see, the surface faces the viewer, or away."""
     numbers: Numbers = {}
     for name in FILES:
@@ -130,8 +140,13 @@ _FLESH = {"spine": 0.12, "pelvis": 0.14, "head": 0.1, "hip": 0.09, "knee": 0.07,
 _VERTICES, _FACES, _RINGS, _AROUND = 10475, 20908, 12, 15
 
 
-def write_smplx(path: Path) -> Path:
-    """A person of 55 balls and rods in the form of SMPL-X; nothing of the model itself."""
+def write_smplx(path: Path, directions: int = 400) -> Path:
+    """A person of 55 balls and rods in the form of SMPL-X; nothing of the model itself.
+
+    Args:
+        path: File to write.
+        directions: Of shape and expression; 20 in the first version of the model.
+    """
     from smplx.joint_names import JOINT_NAMES
 
     names = JOINT_NAMES[:55]
@@ -147,9 +162,9 @@ def write_smplx(path: Path) -> Path:
     vertices, faces, owner = _flesh(names, joints, parents)
     random = np.random.default_rng(_SEED)
     regressor = np.zeros((55, _VERTICES))
-    regressor[owner, np.arange(_VERTICES)] = 1.0
-    regressor /= regressor.sum(axis=1, keepdims=True)
-    shapes = np.zeros((_VERTICES, 3, 400), np.float32)
+    for joint, place in enumerate(joints):
+        regressor[joint, owner == joint] = _weights(vertices[owner == joint], place)
+    shapes = np.zeros((_VERTICES, 3, directions), np.float32)
     shapes[:, :, 0] = 0.03 * vertices
     shapes[:, :, 1:10] = random.normal(0, 0.002, (55, 3, 9))[owner]
     arrays = {
@@ -169,6 +184,13 @@ def write_smplx(path: Path) -> Path:
     }
     np.savez(path, **arrays)
     return path
+
+
+def _weights(points: Floats, place: Floats) -> Floats:
+    """(N,) weights, which sum to 1, of points (N, 3) whose weighted mean is a place."""
+    away = points - points.mean(axis=0)
+    slope = np.linalg.solve(away.T @ away / len(points), place - points.mean(axis=0))
+    return (1.0 + away @ slope) / len(points)
 
 
 def _finger_parents() -> list[int]:

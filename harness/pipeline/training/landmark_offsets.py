@@ -32,7 +32,7 @@ from harness.pipeline.inputs.workspace import Workspace
 from methods.body.fitting import fitted_parameters
 from methods.body.models.anatomy import blend_landmarks
 from methods.body.models.anny_body import AnnyBody
-from methods.body.models.model import LandmarkTable, Posed
+from methods.body.models.model import LandmarkTable, ParametricBody, Posed
 from methods.body.photos.detection import MIRRORED, Detections, detect
 from methods.body.photos.views import load_views
 from methods.body_fit import jmbo8_plus
@@ -78,7 +78,7 @@ def deviations_mm(
     return np.einsum("kji,kj->ki", turns, away) * MM_PER_METRE
 
 
-def remaining_mm(fitted: Posed, truth: Posed, body: AnnyBody) -> Floats:
+def remaining_mm(fitted: Posed, truth: Posed, body: ParametricBody) -> Floats:
     """(K, 3) from a true body's landmarks to a fitted one's, in the true carriers' rest axes."""
     turns = truth.turns[0, body.landmarks.carriers].double().numpy()
     away = (body.landmark_points(fitted) - body.landmark_points(truth))[0].double().numpy()

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from methods.body.fit.evidence import Evidence
 from methods.body.fit.prior import ParameterPrior
-from methods.body.fit.rotations import mean_rotation, mean_rotation_vector, upright
+from methods.body.fit.rotations import (
+    mean_of_columns,
+    mean_rotation,
+    mean_rotation_vector,
+    upright,
+)
 from methods.body.models.model import Parameters, ParametricBody, Posed, box_middle, neutral
 from methods.body.photos.detection import Detections
 from methods.body.photos.views import View
@@ -23,7 +28,7 @@ from methods.body.photos.views import View
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["average", "fit_each_view", "fit_jointly", "swapped_views"]
+__all__ = ["average", "average_of_columns", "fit_each_view", "fit_jointly", "swapped_views"]
 
 _SINGLE_STEPS, _SINGLE_RATE = 120, 0.05
 _JOINT_STEPS, _JOINT_RATE = 150, 0.03
@@ -81,6 +86,26 @@ def average(parameters: Parameters) -> dict[str, Tensor]:
         "orientation": torch.tensor(mean_rotation(turns), dtype=torch.float32)[None, :, :2],
         "translation": parameters["translation"].mean(0, keepdim=True),
         "pose": torch.tensor(np.array(vectors), dtype=torch.float32)[None],
+        "shape": parameters["shape"].mean(0, keepdim=True),
+    }
+
+
+def average_of_columns(parameters: Parameters) -> dict[str, Tensor]:
+    """As ``average``, with rotations averaged by their columns, as MExECON averages PIXIE's."""
+    import torch
+    from scipy.spatial.transform import Rotation
+
+    six = parameters["orientation"].mean(0).double().numpy()
+    vectors = parameters["pose"].double().numpy()
+    turns = [
+        mean_of_columns(Rotation.from_rotvec(vectors[:, joint]).as_matrix())
+        for joint in range(vectors.shape[1])
+    ]
+    pose = Rotation.from_matrix(np.array(turns)).as_rotvec()
+    return {
+        "orientation": torch.tensor(mean_of_columns(six[None]), dtype=torch.float32)[None, :, :2],
+        "translation": parameters["translation"].mean(0, keepdim=True),
+        "pose": torch.tensor(pose, dtype=torch.float32)[None],
         "shape": parameters["shape"].mean(0, keepdim=True),
     }
 

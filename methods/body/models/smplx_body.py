@@ -6,6 +6,7 @@ world's (+Y up, facing +Z) and its local axes are parallel to it, so poses need 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +17,9 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats
 from methods.body.models.anatomy import blend_landmarks, free_joint, table
 from methods.body.models.model import MAIN_JOINTS, FreeJoint, LandmarkTable, Parameters, Posed
-from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
+from methods.body.models.smplx_file import HAND, JOINTS, OWN, PIXIES, load_model
 from methods.body.models.smplx_part import is_pixies, model_path, smplx_part
+from methods.body.smplx_offsets import stored_offsets
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -25,9 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["SmplxBody"]
 
 _BODY_JOINTS = 21
-#: What the fit leaves as it is unless it is given: size of each of the model's other parameters.
+#: What the fit leaves as it is, besides the expression: size of each of the model's parameters.
 _RESTING = {
-    "expression": EXPRESSIONS,
     "jaw_pose": 3,
     "leye_pose": 3,
     "reye_pose": 3,
@@ -53,10 +54,12 @@ _BLENDED = 32
 
 
 class SmplxBody:
-    """SMPL-X with 21 free joints and 10 shape values; face, eyes and hands rest unless given.
+    """SMPL-X with 21 free joints; face, eyes and hands rest unless they are held or given.
+
+    It has 10 shape values; 200 where they are those that PIXIE regresses.
 
     Attributes:
-        has_pixie_shape: Whether its shape values are those that PIXIE regresses.
+        has_pixie_shape: Whether its shape and expression values are those that PIXIE regresses.
     """
 
     name = "smplx"
@@ -65,20 +68,38 @@ class SmplxBody:
         import torch
         from smplx.joint_names import JOINT_NAMES
 
-        self._model = load_model(model_path(str(model_file)))
-        self.part = smplx_part(str(model_file))
         self.has_pixie_shape = is_pixies(str(model_file))
+        spaces = PIXIES if self.has_pixie_shape else OWN
+        self._model = load_model(model_path(str(model_file)), spaces)
+        self.part = smplx_part(str(model_file))
         self.faces: NDArray[np.int32] = np.asarray(self._model.faces).astype(np.int32)
         self.joint_names = tuple(JOINT_NAMES[:JOINTS])
         self.roles: Mapping[str, int] = {
             role: self.joint_names.index(role) for role in (*MAIN_JOINTS, "head")
         }
         self.free = tuple(_free(name) for name in self.joint_names[1 : _BODY_JOINTS + 1])
-        self.shape_prior = np.stack([np.zeros(BETAS), np.ones(BETAS)]).astype(np.float32)
+        betas = int(self._model.num_betas)
+        self.shape_prior = np.stack([np.zeros(betas), np.ones(betas)]).astype(np.float32)
         self.landmarks = _landmark_table(self._model, self.joint_names)
         self.regions: Mapping[str, NDArray[np.bool_]] = _regions(self._model, self.joint_names)
         self._parents = [int(parent) for parent in self._model.parents]
         self._torch = torch
+        sizes = {"expression": int(self._model.num_expression_coeffs), **_RESTING}
+        self._held = {name: torch.zeros(1, size) for name, size in sizes.items()}
+
+    def holding(self, held: Mapping[str, Floats]) -> SmplxBody:
+        """The same body with values (size,) of parameters that no fit changes.
+
+        Args:
+            held: By the package's names. Of more values than the model has, the first are taken.
+        """
+        other = copy.copy(self)
+        other._held = dict(self._held)  # noqa: SLF001 - its own class
+        for name, values in held.items():
+            size = self._held[name].shape[1]
+            row = self._torch.tensor(values[None, :size], dtype=self._held[name].dtype)
+            other._held[name] = row  # noqa: SLF001 - its own class
+        return other
 
     def __call__(self, parameters: Parameters) -> tuple[Tensor, Tensor]:
         """Vertices (B, 10475, 3) and joints (B, 55, 3), metres, world frame."""
@@ -100,8 +121,7 @@ class SmplxBody:
             pose = roma.rotmat_to_rotvec(roma.special_gramschmidt(pose))
         batch = len(pose)
         resting = {
-            name: parameters.get(name, pose.new_zeros(batch, size))
-            for name, size in _RESTING.items()
+            name: parameters.get(name, held.expand(batch, -1)) for name, held in self._held.items()
         }
         output = self._model(
             betas=parameters["shape"],
@@ -134,7 +154,7 @@ class SmplxBody:
         return self
 
     def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:
-        """``betas``, ``body_pose``, ``global_orient`` and ``transl`` as the package takes them."""
+        """``betas``, ``body_pose``, ``transl`` and all others as the package takes them."""
         import roma
 
         torch = self._torch
@@ -147,6 +167,7 @@ class SmplxBody:
                 "body_pose": parameters["pose"][:1].reshape(1, -1).numpy(),
                 "global_orient": roma.rotmat_to_rotvec(turn).numpy(),
                 "transl": transl.numpy(),
+                **{name: held.numpy() for name, held in self._held.items()},
             }
 
     def rest_root(self, shape: Floats) -> Floats:
@@ -160,7 +181,7 @@ class SmplxBody:
         torch = self._torch
         rest = self._model(
             betas=shape,
-            **{name: torch.zeros(1, size) for name, size in _RESTING.items()},
+            **self._held,
             body_pose=torch.zeros(1, 3 * _BODY_JOINTS),
             global_orient=torch.zeros(1, 3),
             transl=torch.zeros(1, 3),
@@ -191,7 +212,9 @@ def _landmark_table(model: Any, joint_names: tuple[str, ...]) -> LandmarkTable:
         used = used[row[used] > 0]
         blends[landmark] = (used, row[used].astype(np.float64))
         carriers[landmark] = joint
-    return table(blends, carriers, {}, dict.fromkeys(range(17, 23), _KNUCKLE_TRUST))
+    measured = stored_offsets()
+    offsets_mm = dict(measured.offsets_mm) if measured else {}
+    return table(blends, carriers, offsets_mm, dict.fromkeys(range(17, 23), _KNUCKLE_TRUST))
 
 
 def _regions(model: Any, joint_names: tuple[str, ...]) -> dict[str, NDArray[np.bool_]]:

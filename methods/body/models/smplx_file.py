@@ -21,7 +21,8 @@ from harness.core.array_files.npz import read_array_npz
 from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
 
-__all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "checked_model", "load_model"]
+__all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "OWN", "PIXIES", "Spaces", "checked_model",
+           "load_model"]  # fmt: skip
 
 _WHERE = (
     "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and run: "
@@ -31,6 +32,19 @@ _VERTICES, _FACES, _LANDMARKS = 10475, 20908, 51
 JOINTS, BETAS, EXPRESSIONS, HAND = 55, 10, 10, 45
 #: Version 1.0 has 10 shape and 10 expression values, later ones 300 and 100.
 _FEWEST_DIRECTIONS, _MOST_DIRECTIONS = BETAS + EXPRESSIONS, 400
+
+
+@dataclass(frozen=True, slots=True)
+class Spaces:
+    """How many shape and expression values a body has; a file may hold more."""
+
+    betas: int
+    expressions: int
+
+
+OWN = Spaces(BETAS, EXPRESSIONS)
+#: Those that PIXIE regresses, of a file that has them.
+PIXIES = Spaces(200, 50)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +91,10 @@ _ARRAYS = {
 }
 
 
-def load_model(path: Path | None) -> Any:
+def load_model(path: Path | None, spaces: Spaces = OWN) -> Any:
     """The package's model of a file, without gradients of its own.
+
+    A file with fewer values than ``spaces`` asks for has 10 of each.
 
     Raises:
         MissingPart: no file, or no package ``smplx``.
@@ -90,11 +106,11 @@ def load_model(path: Path | None) -> Any:
             expected="SMPLX_NEUTRAL.npz or .pkl",
             hint=_WHERE,
         )
-    return _loaded(path, path.stat().st_mtime_ns)
+    return _loaded(path, path.stat().st_mtime_ns, spaces)
 
 
 @functools.lru_cache(maxsize=1)
-def _loaded(path: Path, changed_ns: int) -> Any:  # noqa: ARG001 - a changed file is read again
+def _loaded(path: Path, changed_ns: int, spaces: Spaces) -> Any:  # noqa: ARG001 - a changed file is read again
     try:
         import smplx
     except ImportError as error:
@@ -102,6 +118,8 @@ def _loaded(path: Path, changed_ns: int) -> Any:  # noqa: ARG001 - a changed fil
             "the package smplx is not installed", hint="Run: pip install smplx==0.1.28"
         ) from error
     arrays: dict[str, Any] = checked_model(path)
+    if arrays["shapedirs"].shape[2] < _MOST_DIRECTIONS:
+        spaces = OWN
     with tempfile.TemporaryDirectory(prefix="smplx-") as folder:
         copy = Path(folder) / "checked.npz"
         np.savez(copy, **arrays)
@@ -111,8 +129,8 @@ def _loaded(path: Path, changed_ns: int) -> Any:  # noqa: ARG001 - a changed fil
             model = smplx.SMPLX(
                 str(copy),
                 ext="npz",
-                num_betas=BETAS,
-                num_expression_coeffs=EXPRESSIONS,
+                num_betas=spaces.betas,
+                num_expression_coeffs=spaces.expressions,
                 use_pca=False,
                 flat_hand_mean=True,
             )
@@ -155,6 +173,10 @@ def checked_model(path: Path) -> dict[str, NDArray[Any]]:
 
 def _values(path: Path, name: str, array: NDArray[Any]) -> NDArray[Any]:
     below = _ARRAYS[name].below
+    if array.dtype.kind not in "fiu":
+        raise DataError(
+            f"{path} is damaged: {name} holds {array.dtype} and no numbers", hint=_WHERE
+        )
     if not below:
         # Real models reach 1; beyond float32 there is nothing but damage.
         if not np.isfinite(array).all() or np.abs(array).max() > 1e6:

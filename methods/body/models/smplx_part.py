@@ -9,7 +9,7 @@ from harness.core.protocols import Part
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["MODEL", "NAMES", "SMPLX", "is_pixies", "model_path", "smplx_part"]
+__all__ = ["MODEL", "NAMES", "SMPLX", "is_pixies", "model_path", "named_model", "smplx_part"]
 
 #: The file of a part.
 MODEL = "model.npz"
@@ -30,6 +30,18 @@ SMPLX = ConvertedKind(
     "harness eval --method mexecon8 --set body.model=smplx --set body.model_file={name}",
     preferred=NAMES[0],
 )
+
+
+def named_model(model_file: str, *, for_pixie: bool) -> str:
+    """The setting ``body.model_file``, or the name of PIXIE's model where it is empty.
+
+    Args:
+        model_file: The setting.
+        for_pixie: Whether PIXIE makes the first body. Its own model is then meant where it is
+            imported, and otherwise what is meant without PIXIE.
+    """
+    own = NAMES[-1] in {part.name for part in SMPLX.installed()}
+    return NAMES[-1] if for_pixie and not model_file and own else model_file
 
 
 def model_path(model_file: str) -> Path | None:

@@ -7,6 +7,7 @@ Source: the authors' answers in the dataset's issues (22, 23): the male model, h
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,25 @@ from harness.core.errors import DataError
 from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
 from methods.body.models.smplx_part import SMPLX
 
-__all__ = ["MODEL_NAME", "fitted_body", "male_model"]
+__all__ = ["MODEL_NAME", "Placing", "fit_parameters", "fitted_body", "male_model", "placing"]
 
 #: The imported model that the fits refer to.
 MODEL_NAME = "SMPLX_MALE"
 _COMPONENTS = 12
 _POSES = {"global_orient": 3, "body_pose": 63, "jaw_pose": 3, "leye_pose": 3, "reye_pose": 3}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placing:
+    """How a fit places its body in its scan: the scale first, then the shift.
+
+    Attributes:
+        scale: Units of the scan to a metre.
+        shift: (3,) units.
+    """
+
+    scale: float
+    shift: Floats
 
 
 def male_model() -> tuple[Path, str] | None:
@@ -56,6 +70,28 @@ def fitted_body(
     model = load_model(model_file)
     from smplx.joint_names import JOINT_NAMES
 
+    tensors = {
+        name: torch.tensor(value[None], dtype=torch.float32)
+        for name, value in fit_parameters(fit, model_file).items()
+    }
+    with torch.no_grad():
+        output = model(**tensors, transl=torch.zeros(1, 3))
+    place = placing(fit)
+    vertices = output.vertices[0].double().numpy() * place.scale + place.shift
+    joints = output.joints[0, :JOINTS].double().numpy() * place.scale + place.shift
+    return vertices, joints, tuple(JOINT_NAMES[:JOINTS])
+
+
+def fit_parameters(fit: Mapping[str, NDArray[Any]], model_file: Path) -> dict[str, Floats]:
+    """Values (size,) of a fit by the package's names, with hands as 45 numbers and no mean.
+
+    Args:
+        fit: What ``smplx_param.pkl`` holds.
+        model_file: The male model.
+
+    Raises:
+        DataError: a value of the fit is missing or of another size.
+    """
     sizes = {**_POSES, "betas": BETAS, "expression": EXPRESSIONS}
     given = {name: _values(fit, name, size) for name, size in sizes.items()}
     with np.load(model_file) as arrays:
@@ -63,17 +99,14 @@ def fitted_body(
             own = _values(fit, f"{side}_hand_pose", _COMPONENTS)
             components = arrays[f"hands_components{side[0]}"][:_COMPONENTS]
             given[f"{side}_hand_pose"] = own @ components + arrays[f"hands_mean{side[0]}"]
-    tensors = {
-        name: torch.tensor(value[None], dtype=torch.float32) for name, value in given.items()
-    }
-    assert tensors["left_hand_pose"].shape[1] == HAND
-    with torch.no_grad():
-        output = model(**tensors, transl=torch.zeros(1, 3))
+            assert given[f"{side}_hand_pose"].shape == (HAND,)
+    return given
+
+
+def placing(fit: Mapping[str, NDArray[Any]]) -> Placing:
+    """Where a fit puts its body; errors as ``fit_parameters``."""
     name = "translation" if "translation" in fit else "transl"
-    scale, shift = float(_values(fit, "scale", 1)[0]), _values(fit, name, 3)
-    vertices = output.vertices[0].double().numpy() * scale + shift
-    joints = output.joints[0, :JOINTS].double().numpy() * scale + shift
-    return vertices, joints, tuple(JOINT_NAMES[:JOINTS])
+    return Placing(float(_values(fit, "scale", 1)[0]), _values(fit, name, 3))
 
 
 def _values(fit: Mapping[str, NDArray[Any]], name: str, size: int) -> Floats:

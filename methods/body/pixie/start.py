@@ -32,7 +32,8 @@ from methods.parts.onnx_session import answers, open_session
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Seen", "crop_window", "pixie_each_view", "pixie_part", "seen_by"]
+__all__ = ["Seen", "crop_window", "held_values", "pixie_each_view", "pixie_part", "pixie_sees",
+           "seen_by"]  # fmt: skip
 
 #: As ECON crops: the subject's box fills this share of a square of so many pixels over black, which
 #: is then made smaller.
@@ -49,8 +50,40 @@ def pixie_part() -> Part:
     return PIXIE.find().installed.part(PIXIE.about.role)
 
 
+def pixie_sees(views: tuple[View, ...], capture: Capture) -> tuple[PixieView, ...]:
+    """The body that PIXIE regresses from each view's photo, in the frame of its picture.
+
+    Raises:
+        MethodError: PIXIE answers with what is no body.
+        MissingPart, DataError: as ``pixie_part``.
+    """
+    stored = PIXIE.find()
+    session = _session(stored.file(NETWORK), stored.installed.sha256)
+    return tuple(_regressed(session, capture, view) for view in views)
+
+
+def held_values(body: SmplxBody, seen: PixieView) -> dict[str, Floats]:
+    """What a fit keeps of one view's PIXIE: fingers and jaw, and the expression where it counts.
+
+    Args:
+        body: The model; expressions count where it is the one that PIXIE was made with.
+        seen: Of the view in which face and hands are looked at: the first in MExECON.
+    """
+    from scipy.spatial.transform import Rotation
+
+    def vectors(turns: Floats) -> Floats:
+        return Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec().ravel()
+
+    held = {
+        "jaw_pose": vectors(seen.jaw),
+        "left_hand_pose": vectors(seen.left_hand),
+        "right_hand_pose": vectors(seen.right_hand),
+    }
+    return {**held, "expression": seen.expression} if body.has_pixie_shape else held
+
+
 def pixie_each_view(
-    body: SmplxBody, views: tuple[View, ...], capture: Capture
+    body: SmplxBody, views: tuple[View, ...], seen: tuple[PixieView, ...], capture: Capture
 ) -> dict[str, Tensor]:
     """Parameters of N bodies, each regressed from one view's photo.
 
@@ -58,17 +91,16 @@ def pixie_each_view(
         body: Whose parameters they are. Shape values count where the model is the one that PIXIE
             was made with; otherwise the shape is the mean.
         views: N views.
+        seen: What PIXIE sees in each.
         capture: The photos, with cameras in the same frame as the views'.
 
     Raises:
-        MethodError: PIXIE answers with what is no body.
-        MissingPart, DataError: as ``pixie_part``.
+        MethodError: PIXIE answers with a body of no size.
     """
     import torch
 
-    stored = PIXIE.find()
-    session = _session(stored.file(NETWORK), stored.installed.sha256)
-    found = [_start(body, view, _regressed(session, capture, view), capture) for view in views]
+    pairs = zip(views, seen, strict=True)
+    found = [_start(body, view, own, capture) for view, own in pairs]
     return {
         name: torch.tensor(np.stack([getattr(one, name) for one in found]), dtype=torch.float32)
         for name in ("orientation", "translation", "pose", "shape")

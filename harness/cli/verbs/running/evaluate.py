@@ -13,6 +13,7 @@ from harness.cli.options import (
     Json,
     ManifestPath,
     MethodsToRun,
+    Parts,
     Protocol,
     Reason,
     Recipe,
@@ -53,15 +54,6 @@ Keep = Annotated[
         "--keep",
         help="Keep the intermediate results of methods: normal maps, partial surfaces, and a "
         "contact sheet of the stages.",
-    ),
-]
-Parts = Annotated[
-    str,
-    typer.Option(
-        "--parts",
-        metavar="CHOICE",
-        help="Parts to run with: open; paper, which are those that you imported; or pairs such as "
-        "normals=econ,body=smplx,start=pixie,completion=ifnet.",
     ),
 ]
 Row = Annotated[

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Json, Set, WorkspacePath, parsed_settings
+from harness.cli.options import Json, Parts, Set, WorkspacePath, parsed_settings
 from harness.cli.output import deliver, print_json
 from harness.cli.verb_list import verb_group
 from harness.pipeline.foreign.added_methods import AddedMethods
+from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.method_pages import markdown_pages, text_page
 from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods
@@ -50,12 +51,16 @@ def show(
         ),
     ],
     settings: Set = None,
+    parts: Parts = OPEN,
     workspace: WorkspacePath = None,
     as_json: Json = False,
 ) -> None:
     """Show a method's views, parts, privileges and settings, and how it differs from its paper."""
     added = AddedMethods.of(Workspace.default(workspace))
-    info = ChosenMethod.of(name, parsed_settings(settings), added=added).info
+    chosen = ChosenMethod.of(
+        name, parsed_settings(settings), parts=parsed_parts(parts), added=added
+    )
+    info = chosen.info
     if as_json:
         print_json(info.to_dict())
     else:

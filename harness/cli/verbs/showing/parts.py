@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.cli.options import Json
+from harness.cli.options import (
+    Dataset,
+    Json,
+    ManifestPath,
+    Recipe,
+    Subjects,
+    WorkspacePath,
+    split_names,
+)  # fmt: skip
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError, did_you_mean
+from harness.core.formats.typed_json import to_json
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.workspace import Workspace
+from methods.body.models.smplx_part import SMPLX
+from methods.body.smplx_offsets import offsets_file, offsets_part, stored_offsets
 from methods.parts.catalog import all_kinds, part_kind
 from methods.parts.kind import ImportOptions, PartCheck, PartKind, State
 
@@ -38,6 +52,10 @@ def list_parts(as_json: Json = False) -> None:
             print(f"    present  {', '.join([*notes, part.note] if part.note else notes)}")
         if not parts:
             print(f"    missing  {about.command}")
+        if parts and about.name == SMPLX.about.name:
+            offsets = offsets_part()
+            note = "" if offsets.sha256 else "; measure them with: harness parts calibrate smplx"
+            print(f"    offsets  {offsets.role} {offsets.name}{note}")
 
 
 @app.command("import")
@@ -128,9 +146,80 @@ def verify(
         raise typer.Exit(1)
 
 
+@app.command("calibrate")
+def calibrate(
+    kind: Annotated[
+        str, typer.Argument(metavar="KIND", help="Kind of part; only smplx has landmark offsets.")
+    ],
+    dataset: Dataset = "thuman21",
+    subjects: Subjects = "",
+    recipe: Recipe = "paper8",
+    model: Annotated[
+        str,
+        typer.Option(
+            "--model", metavar="NAME", help="Imported model to fit. Default: the neutral one."
+        ),
+    ] = "",
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace offsets that were measured before.")
+    ] = False,
+    forget: Annotated[
+        bool,
+        typer.Option("--forget", help="Delete the offsets, so that all are zero, as published."),
+    ] = False,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Measure where MediaPipe marks people, relative to SMPL-X's points of the same names.
+
+    It takes scans of THuman that the manifest does not list, since those are tested on: the bodies
+    of their fits are known. By default these are the first 36 with a fit. Photos are rendered,
+    people are detected, bodies are fitted. Every later fit of SMPL-X uses the offsets, and its
+    records name them.
+    """
+    # PyTorch takes seconds to load, and other verbs of this group do without it.
+    from harness.pipeline.training.smplx_calibration import (
+        CalibrationRequest,
+        calibrate_smplx,
+        forget_smplx,
+    )
+
+    if kind != SMPLX.about.name:
+        raise HarnessError(
+            f"parts of the kind '{kind}' have nothing to calibrate", expected=SMPLX.about.name
+        )
+    if forget:
+        print(forget_smplx())
+        return
+    request = CalibrationRequest(
+        manifest=load_manifest(manifest),
+        workspace=Workspace.default(workspace),
+        dataset=dataset,
+        subjects=split_names(subjects),
+        recipe=recipe,
+        model=model,
+        replace=replace,
+    )
+    found = calibrate_smplx(request, lambda line: print(line, file=sys.stderr, flush=True))
+    if as_json:
+        print_json(to_json(found))
+        return
+    print("landmark   offset x, y, z (mm)      spread (mm)")
+    for each in found.measured:
+        x, y, z = each.offset_mm
+        print(f"{each.landmark:8} {x:8.1f} {y:8.1f} {z:8.1f} {each.spread_mm:12.1f}")
+    print(f"{found.title}, kept at {offsets_file()}")
+    print("Next: harness eval --method mexecon8 --set body.model=smplx")
+
+
 def _document(kind: PartKind) -> dict[str, object]:
     parts = [part.to_dict() for part in kind.installed()]
-    return {**kind.about.to_dict(), "state": "present" if parts else "missing", "parts": parts}
+    document = {**kind.about.to_dict(), "state": "present" if parts else "missing", "parts": parts}
+    if kind.about.name == SMPLX.about.name:
+        measured = stored_offsets()
+        document["offsets"] = to_json(measured) if measured else None
+    return document
 
 
 def _checks(names: list[str]) -> list[PartCheck]:

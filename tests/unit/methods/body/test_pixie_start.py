@@ -15,13 +15,21 @@ from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.geometry.images import save_png
 from harness.geometry.place import Place
 from harness.pipeline.run.chosen_method import ChosenMethod
-from methods.body.fit.landmark_fit import average
+from methods.body.fit.landmark_fit import average, average_of_columns
+from methods.body.models.model import neutral
 from methods.body.models.smplx_body import SmplxBody
+from methods.body.models.smplx_part import SMPLX, named_model
 from methods.body.photos.views import View
 from methods.body.pixie import convert, start
 from methods.body.pixie.decode import _MIRRORED
 from methods.body.pixie.part import NETWORK, OUTPUTS, PIXIE
-from methods.body.pixie.start import crop_window, pixie_each_view, seen_by
+from methods.body.pixie.start import (
+    crop_window,
+    held_values,
+    pixie_each_view,
+    pixie_sees,
+    seen_by,
+)
 from methods.body.settings import FitSettings
 from methods.parts.kind import ImportOptions
 from methods.parts.onnx_session import open_session
@@ -69,10 +77,12 @@ def save_answers(path: Path, answers: dict[str, np.ndarray]) -> None:
 
 @pytest.fixture
 def pixie(parts, tmp_path, monkeypatch):
-    """``pixie(turn, camera)``: an imported part that sees this body in every picture."""
+    """``pixie(turn, camera, change)``: an imported part that sees this body in every picture."""
 
-    def install(turn=FACING, camera=(0.9, 0.05, 0.3)) -> dict[str, np.ndarray]:
-        answers = numbers(turn, camera)
+    def install(
+        turn=FACING, camera=(0.9, 0.05, 0.3), change=lambda answers: answers
+    ) -> dict[str, np.ndarray]:
+        answers = change(numbers(turn, camera))
         write = lambda folder: save_answers(folder / NETWORK, answers)  # noqa: E731
         examined = Examined("pixie", "always the same", write)
         monkeypatch.setattr(convert, "examine", lambda file, options: examined)
@@ -118,7 +128,8 @@ def view(capture: Capture, index: int = 0, centre=None) -> View:
 
 
 def found(body: SmplxBody, capture: Capture, *views: View) -> dict[str, np.ndarray]:
-    return pixie_each_view(body, views or (view(capture),), capture)
+    chosen = views or (view(capture),)
+    return pixie_each_view(body, chosen, pixie_sees(chosen, capture), capture)
 
 
 def pixies_own(body: SmplxBody, capture: Capture, answers: dict[str, np.ndarray]) -> np.ndarray:
@@ -205,7 +216,9 @@ def test_views_all_round_agree_on_one_body(body, pixie, capture):
         pixie(seen_by(crop, 0.9).turn.T @ truth, (0.9, 0.0, 0.0))
         bodies.append(found(body, photos, view(photos, index, (0.0, 0.0, 0.0))))
     together = {name: torch.cat([one[name] for one in bodies]) for name in bodies[0]}
-    mean = average(together)
+    mean = average_of_columns(together)
+    for name, values in average(together).items():
+        torch.testing.assert_close(mean[name], values, atol=1e-5, rtol=0)
     np.testing.assert_allclose(mean["orientation"][0], truth[:, :2], atol=1e-5)
     np.testing.assert_allclose(mean["pose"][0, 0], Rotation.from_matrix(HIP).as_rotvec(), atol=1e-5)
     np.testing.assert_allclose(mean["pose"][0, [11, 14, 19, 20]], 0.0, atol=1e-5)
@@ -266,3 +279,78 @@ def test_the_setting_and_what_it_needs(parts, pixie):
         default = {deviation.what for deviation in ChosenMethod.of(name, {}).info.deviations}
         assert "first body of each view" in default
         assert "body.start" not in default
+
+
+FINGER = Rotation.from_rotvec([0.0, 0.2, 0.7]).as_matrix()
+
+
+def with_face_and_hands(answers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The same body that opens its mouth, smiles, and bends one finger of each hand alike."""
+    head = answers["head"].copy()
+    head[200:250], head[-3:] = 0.25, (0.3, 0.0, 0.0)
+    hands = {}
+    for side in ("left_hand", "right_hand"):
+        six_numbers = answers[side].copy().reshape(16, 6)
+        # Both hands are regressed as right ones.
+        six_numbers[3] = six(FINGER)
+        hands[side] = six_numbers.ravel()
+    return {**answers, "head": head, **hands}
+
+
+def test_a_fit_keeps_pixies_hands_and_jaw(body, pixie, capture, monkeypatch):
+    """SMPL-X poses them as PIXIE says, and what is exported says it too."""
+    pixie(change=with_face_and_hands)
+    photos = capture([camera((0.0, 0.0, 3.0))])
+    (seen,) = pixie_sees((view(photos),), photos)
+    held = body.holding(held_values(body, seen))
+    rest = found(held, photos)
+    turns = held.posed(rest).turns[0].double().numpy()
+    plain = body.posed(rest).turns[0].double().numpy()
+
+    def local(turns: np.ndarray, joint: str, parent: str) -> np.ndarray:
+        index = body.joint_names.index
+        return turns[index(parent)].T @ turns[index(joint)]
+
+    right = local(turns, "right_index3", "right_index2")
+    np.testing.assert_allclose(right, FINGER, atol=1e-5)
+    np.testing.assert_allclose(
+        local(turns, "left_index3", "left_index2"), FINGER * _MIRRORED, atol=1e-5
+    )
+    jaw = local(turns, "jaw", "head")
+    np.testing.assert_allclose(jaw, Rotation.from_euler("X", 0.3).as_matrix(), atol=1e-5)
+    np.testing.assert_allclose(local(plain, "jaw", "head"), np.eye(3), atol=1e-6)
+    exported = held.export(rest)
+    np.testing.assert_allclose(exported["jaw_pose"], [[0.3, 0, 0]], atol=1e-6)
+    assert np.abs(exported["left_hand_pose"] - exported["right_hand_pose"]).max() > 0.1
+    assert not exported["expression"].any(), "its values are of another model"
+    monkeypatch.setattr(body, "has_pixie_shape", True)
+    np.testing.assert_allclose(held_values(body, seen)["expression"], 0.25, atol=1e-6)
+    assert not body.export(rest)["jaw_pose"].any(), "the body itself stays at rest"
+
+
+def test_pixies_own_model_has_pixies_values(tmp_path, smplx_arrays, body):
+    """200 shape and 50 expression values, from the columns of the file that are theirs."""
+    shapes = np.zeros((10475, 3, 400))
+    shapes[:, 1, 150], shapes[:, 2, 340] = 0.01, 0.02
+    np.savez(tmp_path / "SMPLX_NEUTRAL_2020.npz", **{**smplx_arrays, "shapedirs": shapes})
+    wide = SmplxBody(tmp_path / "SMPLX_NEUTRAL_2020.npz")
+    assert (wide.shape_prior.shape, body.shape_prior.shape) == ((2, 200), (2, 10))
+    parameters = neutral(wide)
+    parameters["shape"][0, 150] = 2.0
+    held = wide.holding({"expression": np.eye(50)[40]})
+    moved = held.posed(parameters).vertices - wide.posed(neutral(wide)).vertices
+    # The pelvis moves along with all vertices and is put back to its place.
+    np.testing.assert_allclose(moved.numpy(), 0.0, atol=1e-6)
+    root = held.rest_root(parameters["shape"][0].numpy()) - wide.rest_root(np.zeros(200))
+    np.testing.assert_allclose(root, [0.0, 0.02, 0.02], atol=1e-6)
+
+
+def test_pixies_model_is_meant_where_it_is_imported(parts, tmp_path, smplx_arrays):
+    first = {**smplx_arrays, "shapedirs": smplx_arrays["shapedirs"][:, :, :20]}
+    np.savez(tmp_path / "model.npz", **first)
+    SMPLX.add(tmp_path / "model.npz", ImportOptions(name="SMPLX_NEUTRAL"))
+    assert named_model("", for_pixie=True) == ""
+    SMPLX.add(tmp_path / "model.npz", ImportOptions(name="SMPLX_NEUTRAL_2020"))
+    assert named_model("", for_pixie=True) == "SMPLX_NEUTRAL_2020"
+    assert named_model("", for_pixie=False) == ""
+    assert named_model("SMPLX_MALE", for_pixie=True) == "SMPLX_MALE"

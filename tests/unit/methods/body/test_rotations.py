@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from methods.body.fit.rotations import mean_rotation, mean_rotation_vector, upright
+from methods.body.fit.rotations import (
+    mean_of_columns,
+    mean_rotation,
+    mean_rotation_vector,
+    upright,
+)
 
 
 def test_mean_of_turns_about_one_axis_is_the_mean_angle():
@@ -41,3 +46,22 @@ def test_upright_body_has_its_left_where_it_is_told():
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
     np.testing.assert_allclose(upright(np.array([0.0, 1.0, 0.0])), np.eye(3))
+
+
+def test_the_mean_of_columns_is_that_of_six_numbers():
+    """Turns about one axis by 0 and 90 degrees have the mean of 45; others a known skew."""
+    turns = np.array([np.eye(3), [[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]])
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(
+        mean_of_columns(turns), [[half, -half, 0], [half, half, 0], [0, 0, 1]], atol=1e-12
+    )
+    # The second column gives way to the first.
+    turns[1] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    turns = np.concatenate([turns, [[[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]]])
+    first = np.array([2.0, 0.0, -1.0]) / np.sqrt(5)
+    second = np.array([0.0, 2.0, 1.0]) / 3
+    second -= first * (first @ second)
+    found = mean_of_columns(turns)
+    np.testing.assert_allclose(found[:, 0], first, atol=1e-12)
+    np.testing.assert_allclose(found[:, 1], second / np.linalg.norm(second), atol=1e-12)
+    np.testing.assert_allclose(found.T @ found, np.eye(3), atol=1e-12)

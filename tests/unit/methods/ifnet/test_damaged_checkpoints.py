@@ -266,6 +266,116 @@ def test_another_kinds_checkpoint_is_refused(imported, tmp_path, parts, sound, k
     assert not parts.exists()
 
 
+#: Small files that have the container of a checkpoint and not its content, for the large kinds.
+HOLLOW: dict[str, Callable[[Numbers], object]] = {
+    "nothing": lambda numbers: {},
+    "no tensors": lambda numbers: {"state_dict": {}, "Encoder_body": {}},
+    "a first tensor alone": lambda numbers: {
+        "state_dict": {"netG.netF.model.1.weight": numbers[FIRST]},
+        "Encoder_body": {"encoder.conv1.weight": numbers[FIRST]},
+    },
+    "sections that are tensors": lambda numbers: {
+        "state_dict": numbers[FIRST], "Encoder_body": numbers[FIRST]
+    },
+    "names that are numbers": lambda numbers: {
+        "state_dict": {1: numbers[FIRST]}, "Encoder_body": {1: numbers[FIRST]}
+    },
+    "a trap": lambda numbers: {"state_dict": Trap(), "Encoder_body": Trap()},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["econ-normal", "pixie"])
+@pytest.mark.parametrize("name", HOLLOW)
+def test_the_large_kinds_refuse_hollow_checkpoints(imported, numbers, tmp_path, parts, kind, name):
+    (tmp_path / "x.ckpt").write_bytes(saved(HOLLOW[name](numbers)))
+    require_one_sentence(*imported(kind, tmp_path / "x.ckpt"), name)
+    assert not parts.exists()
+
+
+def array(value: object) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, value, allow_pickle=True)
+    return stream.getvalue()
+
+
+def arrays(**changed: object) -> Callable[[dict[str, bytes]], None]:
+    return lambda members: members.update({f"{n}.npy": array(v) for n, v in changed.items()})
+
+
+#: Damaged models, by what becomes of the archive's members.
+MODELS: dict[str, Callable[[dict[str, bytes]], None]] = {
+    "no arrays": lambda members: members.clear(),
+    "no faces": lambda members: members.pop("f.npy") and None,
+    "no regressor": lambda members: members.pop("J_regressor.npy") and None,
+    "another model": arrays(v_template=np.zeros((6890, 3))),
+    "other shapes": arrays(weights=np.zeros((10475, 24), np.float32)),
+    "text for numbers": arrays(hands_meanl=np.full(45, "x")),
+    "objects": arrays(hands_meanl=np.array([{}] * 45, dtype=object)),
+    "a trap": arrays(hands_meanl=np.array([Trap()] * 45, dtype=object)),
+    "no number": arrays(hands_meanr=np.full(45, np.nan)),
+    "infinity": arrays(lmk_bary_coords=np.full((51, 3), np.inf)),
+    "faces of nothing": arrays(lmk_faces_idx=np.full(51, 20908)),
+    "half an index": arrays(lmk_faces_idx=np.full(51, 0.5)),
+    "an array cut": lambda members: members.update({"f.npy": members["f.npy"][:-9]}),
+    "no array's header": lambda members: members.update({"f.npy": b"x" * 99}),
+}
+
+
+@pytest.fixture(scope="module")
+def model() -> dict[str, bytes]:
+    """Members of an archive of SMPL-X's arrays, all zeros."""
+    sizes = {
+        "v_template": (10475, 3), "shapedirs": (10475, 3, 20), "posedirs": (10475, 3, 486),
+        "J_regressor": (55, 10475), "weights": (10475, 55), "hands_componentsl": (45, 45),
+        "hands_componentsr": (45, 45), "hands_meanl": (45,), "hands_meanr": (45,),
+        "lmk_bary_coords": (51, 3),
+    }  # fmt: skip
+    indices = {"kintree_table": (2, 55), "f": (20908, 3), "lmk_faces_idx": (51,)}
+    whole = {name: array(np.zeros(size, np.float16)) for name, size in sizes.items()}
+    whole |= {name: array(np.zeros(size, np.int64)) for name, size in indices.items()}
+    return {f"{name}.npy": content for name, content in whole.items()}
+
+
+def archived(members: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_damaged_model_is_refused(imported, model, tmp_path, parts, name):
+    members = dict(model)
+    MODELS[name](members)
+    (tmp_path / "SMPLX_MALE.npz").write_bytes(archived(members))
+    require_one_sentence(*imported("smplx", tmp_path / "SMPLX_MALE.npz"), name)
+    assert not parts.exists()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.999])
+def test_a_model_that_is_cut_is_refused(imported, model, tmp_path, parts, share):
+    content = archived(model)
+    (tmp_path / "SMPLX_MALE.npz").write_bytes(content[: int(share * len(content))])
+    require_one_sentence(*imported("smplx", tmp_path / "SMPLX_MALE.npz"), str(share))
+    assert not parts.exists()
+
+
+@pytest.mark.parametrize("damage", ["cut", "other inputs", "no network"])
+def test_a_damaged_normal_network_is_refused(imported, tmp_path, parts, damage):
+    onnx = pytest.importorskip("onnx")
+    helper, real = onnx.helper, onnx.TensorProto.FLOAT
+    ends = [[helper.make_tensor_value_info(n, real, [1, 3, 8, 8])] for n in ("photo", "answer")]
+    nodes = [helper.make_node("Identity", ["photo"], ["answer"])]
+    opset = [helper.make_opsetid("", 17)]
+    graph = helper.make_graph(nodes, "copy", *ends)
+    content = helper.make_model(graph, opset_imports=opset, ir_version=9).SerializeToString()
+    content = {"cut": content[:-20], "other inputs": content, "no network": content[:4]}[damage]
+    (tmp_path / "x.onnx").write_bytes(content)
+    require_one_sentence(*imported("normals-onnx", tmp_path / "x.onnx"), damage)
+    assert not (tmp_path / "weights").exists()
+
+
 @pytest.mark.slow
 def test_the_undamaged_one_is_taken(imported, tmp_path, parts, sound):
     (tmp_path / "ifnet.ckpt").write_bytes(sound)
