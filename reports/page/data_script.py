@@ -16,6 +16,8 @@ from reports.tables.table import Table
 
 __all__ = [
     "board_script",
+    "coarse_path",
+    "coarse_script",
     "data_script",
     "photos_path",
     "photos_script",
@@ -31,6 +33,11 @@ def surface_path(subject: str, method: str) -> str:
     return f"{folder}/{subject}.js"
 
 
+def coarse_path(subject: str, method: str) -> str:
+    """Where the coarse form of a surface lies, relative to the page."""
+    return f"coarse/{surface_path(subject, method)}"
+
+
 def photos_path(subject: str) -> str:
     """Where all photos of a subject lie, relative to the page."""
     return f"photos/{subject}.js"
@@ -43,6 +50,15 @@ def thumbnail_path(subject: str) -> str:
 
 def surface_script(subject: str, method: str, mesh: CompactMesh) -> str:
     """The script that gives the page one surface."""
+    return _mesh_script([subject, method], mesh)
+
+
+def coarse_script(subject: str, method: str, mesh: CompactMesh) -> str:
+    """The script that gives the page the coarse form of a surface."""
+    return _mesh_script([subject, method, "coarse"], mesh)
+
+
+def _mesh_script(key: list[str], mesh: CompactMesh) -> str:
     header = {
         "vertices": mesh.vertices,
         "faces": mesh.faces,
@@ -51,7 +67,7 @@ def surface_script(subject: str, method: str, mesh: CompactMesh) -> str:
         "scalars": [{"id": scalar.id, "step": scalar.step} for scalar in mesh.scalars],
     }
     # The payload is base64: nothing in it ends a string.
-    return f'HarnessPage.receive({_json([subject, method])}, {_json(header)}, "{mesh.payload}");\n'
+    return f'HarnessPage.receive({_json(key)}, {_json(header)}, "{mesh.payload}");\n'
 
 
 def photos_script(subject: str, pictures: Sequence[bytes]) -> str:
@@ -113,6 +129,9 @@ def _subject(subject: PageSubject) -> dict[str, object]:
                 "faces": surface.faces,
                 "values": dict(surface.values),
                 "file": quote(surface_path(subject.id, surface.method)),
+                "coarse": quote(coarse_path(subject.id, surface.method))
+                if surface.has_coarse
+                else "",
             }
             for surface in subject.surfaces
         ],

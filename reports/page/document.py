@@ -24,6 +24,7 @@ SCRIPTS = (
     "shaders.js",
     "views.js",
     "viewer.js",
+    "loading.js",
     "controls.js",
     "tables.js",
 )

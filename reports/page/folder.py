@@ -17,6 +17,8 @@ from reports.page.board import BOARD_SCRIPTS, board_html
 from reports.page.compact_mesh import COMPACT_VERSION, CompactMesh
 from reports.page.data_script import (
     board_script,
+    coarse_path,
+    coarse_script,
     data_script,
     photos_path,
     photos_script,
@@ -47,9 +49,13 @@ class PageFolder:
 
     directory: Path
 
-    def add_surface(self, subject: str, method: str, mesh: CompactMesh) -> None:
-        """Write one surface."""
+    def add_surface(
+        self, subject: str, method: str, mesh: CompactMesh, coarse: CompactMesh | None = None
+    ) -> None:
+        """Write one surface, and its coarse form if it has one."""
         self._write(surface_path(subject, method), surface_script(subject, method, mesh))
+        if coarse is not None:
+            self._write(coarse_path(subject, method), coarse_script(subject, method, coarse))
 
     def add_photos(self, subject: str, photos: Sequence[Bytes], cameras: Sequence[Camera]) -> None:
         """Write the photos of a subject, the frontal one first.

@@ -90,12 +90,14 @@ class PageSurface:
         title: For people.
         faces: How many triangles it has.
         values: Numbers of this surface by metric's id, such as ``chamfer``.
+        has_coarse: Whether a coarse form of it was written, too.
     """
 
     method: str
     title: str
     faces: int
     values: Mapping[str, float] = field(default_factory=dict[str, float])
+    has_coarse: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress
 from harness.pipeline.report.error_cache import TrueSurface, measured_mesh
 from harness.pipeline.run.store import RunStore
+from reports.page.coarse_mesh import coarse_mesh
 from reports.page.compact_mesh import CompactMesh, ScalarColumn
 from reports.page.folder import PageFolder
 from reports.page.model import TRUTH, PageScalar, PageSubject, PageSurface, PageView
@@ -87,10 +88,11 @@ class SubjectWriter:
         scan, mesh = self.scans.load(subject)
         truth = TrueSurface(scan, mesh)
         surfaces = [self._write_surface(folder, record, truth) for record in records]
-        compact = CompactMesh.of(mesh.geometry())
-        folder.add_surface(subject, TRUTH, compact)
+        coarse = coarse_mesh(mesh)
+        folder.add_surface(subject, TRUTH, CompactMesh.of(mesh.geometry()), coarse)
         self.progress.done(_TASK)
-        surfaces.append(PageSurface(TRUTH, "Truth", compact.faces))
+        faces, has_coarse = len(mesh.faces), coarse is not None
+        surfaces.append(PageSurface(TRUTH, "Truth", faces, has_coarse=has_coarse))
         classes = self.scans.dataset.classes.get(subject)
         return PageSubject(
             id=subject,
@@ -108,11 +110,12 @@ class SubjectWriter:
         if record.method_name in self.opening[:1]:
             high = float(np.percentile(found.errors.distance_mm, _LIMIT_PERCENTILE))
             self._high_mm.append(high)
-        compact = CompactMesh.of(found.mesh, columns)
-        folder.add_surface(record.subject, record.method_name, compact)
+        name, coarse = record.method_name, coarse_mesh(found.mesh, columns)
+        folder.add_surface(record.subject, name, CompactMesh.of(found.mesh, columns), coarse)
         self.progress.done(_TASK)
         values = {name: record.metrics[name].value for name in _VALUES if name in record.metrics}
-        return PageSurface(record.method_name, record.method.title, compact.faces, values)
+        faces, has_coarse = len(found.mesh.faces), coarse is not None
+        return PageSurface(name, record.method.title, faces, values, has_coarse)
 
     def _write_photos(self, folder: PageFolder, subject: str) -> tuple[PageView, ...]:
         if self.photos is None:

@@ -9,45 +9,14 @@
   const canvas = find("canvas"), stage = find(".stage"), notice = find(".stage .notice"), probe = find(".probe");
   const heads = find(".panels"), strip = find(".photos"), divider = find(".divider");
   const PHOTO = "/photos";
-  const started = performance.now();
-  const timings = { surfaces: {}, scripts_ms: started, graphics_ms: null, photos_ms: null, loaded_ms: null };
+  const loader = HarnessPage.createLoader(data.subjects);
+  const { timings } = loader;
 
   const scalarOf = (id) => data.scalars.find((scalar) => scalar.id === id);
   const subjectOf = (id) => data.subjects.find((subject) => subject.id === id);
 
-  // Surfaces on their way, so that they are loaded while graphics start and photos are decoded.
-  const coming = new Map();
-  function prepared(subject, name) {
-    const key = `${subject.id}\n${name}`;
-    const surface = subject.surfaces.find((one) => one.method === name);
-    if (!coming.has(key)) {
-      coming.set(key, decoded(subject, surface).catch((error) => { coming.delete(key); throw error; }));
-    }
-    return coming.get(key);
-  }
-
-  async function decoded(subject, surface) {
-    const begin = performance.now();
-    const received = await HarnessPage.load(subject.id, surface.method, surface.file);
-    const loaded = performance.now();
-    const made = await HarnessPage.decode(received);
-    made.greatest = Object.fromEntries(received[0].scalars.map((scalar) => [scalar.id, scalar.step * 65534]));
-    HarnessPage.forget(subject.id, surface.method); // the text is not needed any more
-    timings.surfaces[`${subject.id} ${surface.method}`] = {
-      faces: surface.faces, load_ms: loaded - begin, decode_ms: performance.now() - loaded,
-    };
-    return made;
-  }
-
-  function prefetch(id, names) {
-    const subject = subjectOf(id);
-    for (const { method } of subject?.surfaces ?? []) {
-      if (names.includes(method)) prepared(subject, method).catch(() => {}); // said when it is shown
-    }
-  }
-
   const wanted = heard();
-  prefetch(wanted.subject, wanted.panels);
+  loader.prefetch(wanted.subject, wanted.panels); // while graphics start
 
   let viewer;
   try {
@@ -71,25 +40,14 @@
 
   // ---- content
 
-  async function loadSurface(subject, name) {
-    if (viewer.has(name) || !subject.surfaces.some((one) => one.method === name)) return;
-    viewer.keep(`${subject.id}\n${name}`, await prepared(subject, name));
-    coming.delete(`${subject.id}\n${name}`);
-  }
-
-  async function picturesOf(subject) {
-    if (!subject.photos) return [];
-    const texts = await HarnessPage.load(subject.id, "photos", subject.photos);
-    return Promise.all(texts.map(async (text) => {
-      const image = new Image();
-      image.src = text;
-      await image.decode();
-      return image;
-    }));
+  async function loadSurface(subject, name, form) {
+    if (viewer.has(name, "full") || viewer.has(name, form)) return;
+    viewer.keep(`${subject.id}\n${name}`, await loader.surface(subject, name, form), form);
+    loader.done(subject, name, form);
   }
 
   async function showPhotosAlone() {
-    const show = async (id) => strip.replaceChildren(...await picturesOf(subjectOf(id)));
+    const show = async (id) => strip.replaceChildren(...await loader.photos(subjectOf(id)));
     section.addEventListener("change", ({ target }) => { if (target.name === "subject") show(target.value); });
     find(`input[name=subject][value="${CSS.escape(wanted.subject)}"]`).checked = true;
     await show(wanted.subject);
@@ -99,9 +57,9 @@
   async function setSubject(id) {
     const mine = ++turnOfSubject;
     const subject = subjectOf(id);
-    for (const key of coming.keys()) if (!key.startsWith(`${id}\n`)) coming.delete(key);
-    prefetch(id, wish);
-    const pictures = await picturesOf(subject).catch((error) => { tell(error.message); return []; });
+    loader.forgetOthers(id);
+    loader.prefetch(id, wish);
+    const pictures = await loader.photos(subject).catch((error) => { tell(error.message); return []; });
     if (mine !== turnOfSubject) return;
     timings.photos_ms ??= performance.now();
     const view = state.view, first = state.subject === null;
@@ -135,24 +93,40 @@
     viewer.forgetDepths();
     makeHeads();
     layOut();
-    const subject = current(), shown = state.panels.filter((name) => name !== PHOTO);
+    const subject = current(), isHere = () => state.subject === subject.id;
     stage.setAttribute("aria-busy", "true");
     tell("");
-    await Promise.all([...new Set(shown)].map(async (name) => {
+    await bring(subject, (surface) => loader.firstForm(surface));
+    if (!isHere()) return;
+    viewer.draw();
+    timings.first_ms ??= performance.now();
+    timings.first_faces ??= viewer.drawn();
+    shown();
+    await painted();
+    await bring(subject, () => "full");
+    if (!isHere()) return;
+    viewer.request();
+    stage.removeAttribute("aria-busy");
+    timings.loaded_ms ??= performance.now();
+    say();
+  }
+
+  // Load what the panels show, in the form that is wanted of each surface.
+  async function bring(subject, formOf) {
+    const surfaces = subject.surfaces.filter(({ method }) => state.panels.includes(method));
+    await Promise.all(surfaces.map(async (surface) => {
       try {
-        await loadSurface(subject, name);
+        await loadSurface(subject, surface.method, formOf(surface));
       } catch (error) {
         tell(error.message);
       }
       // Software draws so slowly that it had better draw all of them once.
       if (state.subject === subject.id && !viewer.isSoftware) viewer.request();
     }));
-    if (state.subject !== subject.id) return;
-    viewer.request();
-    stage.removeAttribute("aria-busy");
-    timings.loaded_ms ??= performance.now();
-    say();
   }
+
+  // The browser shows what was drawn, unless it shows nothing now, as in a window behind others.
+  const painted = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done)); setTimeout(done, 150); });
 
   // ---- heads of panels
 
@@ -429,6 +403,8 @@
     setLimit(limits[scalar.id]);
   }
 
+  let shown;
+  HarnessPage.firstView = new Promise((resolve) => { shown = resolve; });
   HarnessPage.viewer = viewer;
   HarnessPage.timings = timings;
   HarnessPage.ready = start();

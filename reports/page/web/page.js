@@ -5,11 +5,10 @@ const HarnessPage = (() => {
   const waiting = new Map();
   const loaded = new Map();
 
-  const keyOf = (subject, name) => `${subject}\n${name}`;
-
-  // A page from disk may not fetch, but it may load scripts: each hands its content to receive().
-  function load(subject, name, file) {
-    const key = keyOf(subject, name);
+  // A page from disk may not fetch, but it may load scripts: each hands its content to receive(),
+  // with the words that name it, such as a subject and a method.
+  function load(words, file) {
+    const key = words.join("\n");
     if (!loaded.has(key)) {
       loaded.set(key, new Promise((resolve, reject) => {
         const script = document.createElement("script");
@@ -26,14 +25,14 @@ const HarnessPage = (() => {
     return loaded.get(key);
   }
 
-  function receive([subject, name], ...content) {
-    const key = keyOf(subject, name);
+  function receive(words, ...content) {
+    const key = words.join("\n");
     waiting.get(key)?.(content.length === 1 ? content[0] : content);
     waiting.delete(key);
   }
 
-  function forget(subject, name) {
-    loaded.delete(keyOf(subject, name));
+  function forget(words) {
+    loaded.delete(words.join("\n"));
   }
 
   return { data: null, load, receive, forget };

@@ -3,7 +3,8 @@
 
 HarnessPage.createViewer = (canvas, onTurned) => {
   const { shaders, views } = HarnessPage;
-  const MOST_KEPT = 14;
+  const MOST_KEPT = { full: 14, coarse: 60 };
+  const REST_MS = 180, SLOW_MS = 100;
   // Without a graphics card smooth edges cost more than everything else.
   const isSoftware = /swiftshader|llvmpipe|software/i.test(graphicsName());
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: !isSoftware, alpha: true, preserveDrawingBuffer: true });
@@ -42,17 +43,19 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   controls.minDistance = 0.4;
   controls.maxDistance = 12;
 
-  const surfaces = new Map();
+  const surfaces = { full: new Map(), coarse: new Map() };
   let depths = new Map();
   const state = {
     subject: null, panels: [], view: 0, shading: "error", metric: "", limit: 1, light: true,
     wires: false, layout: "side", split: 0.5, overlay: 0,
   };
   let subject = { views: [], pictures: [], reach: [1, 1] };
-  let asked = false;
+  let askedAt = null;
+  // While a view turns, coarse surfaces stand for full ones that cannot be drawn often enough.
+  let isSlow = isSoftware, isMoving = false, resting = 0;
 
   controls.addEventListener("start", () => { canvas.focus({ preventScroll: true }); leavePhoto(); });
-  controls.addEventListener("change", () => { leavePhoto(); request(); });
+  controls.addEventListener("change", () => { leavePhoto(); moved(); });
 
   function graphicsName() {
     const gl = document.createElement("canvas").getContext("webgl2");
@@ -71,7 +74,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
 
   // ---- content
 
-  function keep(key, decoded) {
+  function keep(key, decoded, form) {
     const geometry = new THREE.BufferGeometry();
     geometry.setIndex(new THREE.BufferAttribute(decoded.indices, 1));
     geometry.setAttribute("position", new THREE.BufferAttribute(decoded.points, 3));
@@ -79,17 +82,25 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     const none = new Float32Array(decoded.points.length / 3).fill(-1);
     const scalars = {};
     for (const [id, values] of Object.entries(decoded.scalars)) scalars[id] = new THREE.BufferAttribute(values, 1);
-    surfaces.set(key, {
+    const kept = surfaces[form];
+    kept.set(key, {
       geometry, scalars, none: new THREE.BufferAttribute(none, 1), faces: decoded.indices.length / 3,
       greatest: decoded.greatest,
     });
-    for (const [old, surface] of surfaces) {
-      if (surfaces.size <= MOST_KEPT) break;
+    for (const [old, surface] of kept) {
+      if (kept.size <= MOST_KEPT[form]) break;
       if (state.panels.some((name) => keyOf(name) === old)) continue;
       surface.geometry.dispose();
-      surfaces.delete(old);
-      HarnessPage.forget(...old.split("\n"));
+      kept.delete(old);
     }
+  }
+
+  const has = (name, form) => surfaces[form].has(keyOf(name));
+
+  // What is drawn of a surface now; undefined where nothing of it has arrived.
+  function formOf(name) {
+    const full = surfaces.full.get(keyOf(name)), coarse = surfaces.coarse.get(keyOf(name));
+    return (isSlow && isMoving && coarse) || full || coarse;
   }
 
   const keyOf = (name) => `${state.subject}\n${name}`;
@@ -156,6 +167,13 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     arm.set(Math.cos(lifted) * Math.sin(turned), Math.sin(lifted), Math.cos(lifted) * Math.cos(turned));
     camera.position.copy(controls.target).addScaledVector(arm, length);
     controls.update();
+    moved();
+  }
+
+  function moved() {
+    isMoving = true;
+    clearTimeout(resting);
+    resting = setTimeout(() => { isMoving = false; request(); }, REST_MS);
     request();
   }
 
@@ -190,7 +208,8 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   }
 
   function draw() {
-    asked = false;
+    if (isMoving && askedAt !== null && performance.now() - askedAt > SLOW_MS) isSlow = true;
+    askedAt = null;
     const width = canvas.clientWidth, height = canvas.clientHeight;
     if (!width || !height) return;
     const size = renderer.getSize(new THREE.Vector2());
@@ -212,13 +231,13 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   }
 
   function drawSurface(panel) {
-    const surface = surfaces.get(keyOf(panel.name));
+    const surface = formOf(panel.name);
     if (!surface) return;
     setCameraTo(panel);
     look.lit.value = state.light;
     look.limit.value = state.limit;
     look.mode.value = modeOf(surface);
-    usePhoto(panel.name);
+    usePhoto(surface);
     show(surface, material);
     if (state.wires) show(surface, wire);
     if (state.view !== null && state.overlay > 0) drawPhoto(panel, state.overlay);
@@ -246,9 +265,9 @@ HarnessPage.createViewer = (canvas, onTurned) => {
 
   // ---- photos on surfaces
 
-  function usePhoto(name) {
+  function usePhoto(surface) {
     const index = shownView();
-    const depth = depths.get(name);
+    const depth = depths.get(surface);
     look.hasPhoto.value = state.shading === "photo" && index !== null && depth?.index === index;
     if (!look.hasPhoto.value) return;
     const view = subject.views[index];
@@ -259,10 +278,10 @@ HarnessPage.createViewer = (canvas, onTurned) => {
 
   // How far each pixel of the photo lies on a surface, so that no arm is painted on the trunk.
   function depthOf(name) {
-    const index = shownView(), surface = surfaces.get(keyOf(name));
-    if (index === null || !surface || depths.get(name)?.index === index) return;
+    const index = shownView(), surface = formOf(name);
+    if (index === null || !surface || depths.get(surface)?.index === index) return;
     const view = subject.views[index];
-    const target = depths.get(name)?.target ?? new THREE.WebGLRenderTarget(view.width, view.height, {
+    const target = depths.get(surface)?.target ?? new THREE.WebGLRenderTarget(view.width, view.height, {
       depthTexture: new THREE.DepthTexture(view.width, view.height, THREE.UnsignedIntType),
     });
     look.hasPhoto.value = false;
@@ -273,7 +292,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     renderer.clear();
     show(surface, material);
     renderer.setRenderTarget(null);
-    depths.set(name, { index, target });
+    depths.set(surface, { index, target });
   }
 
   function forgetDepths() {
@@ -288,7 +307,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   // The value of the surface under a point of the canvas, in the metric's unit; null where none is.
   function valueAt(x, y) {
     const panel = panels().find((one) => x >= one.clip.from && x < one.clip.to && y >= one.y && y < one.y + one.height);
-    const surface = panel && surfaces.get(keyOf(panel.name));
+    const surface = panel && formOf(panel.name);
     if (!surface?.scalars[state.metric]) return null;
     setCameraTo(panel);
     // The one pixel becomes the whole picture.
@@ -319,20 +338,25 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     return Array.from(pixel);
   }
 
+  // Of full surfaces; those of coarse ones, where they stand for them, are in drawn().
   function triangles() {
-    return Object.fromEntries(state.panels.map((name) => [name, surfaces.get(keyOf(name))?.faces ?? 0]));
+    return Object.fromEntries(state.panels.map((name) => [name, surfaces.full.get(keyOf(name))?.faces ?? 0]));
+  }
+
+  function drawn() {
+    return Object.fromEntries(state.panels.map((name) => [name, formOf(name)?.faces ?? 0]));
   }
 
   function request() {
-    if (asked) return;
-    asked = true;
+    if (askedAt !== null) return;
+    askedAt = performance.now();
     requestAnimationFrame(draw);
   }
 
   new ResizeObserver(request).observe(canvas);
 
   return {
-    state, isSoftware, keep, has: (name) => surfaces.has(keyOf(name)), setSubject, lookThrough, turn, shownView,
-    panels, columnsFor, draw, request, valueAt, pixelAt, triangles, keyOf, forgetDepths,
+    state, isSoftware, keep, has, setSubject, lookThrough, turn, shownView, panels, columnsFor, draw, request,
+    valueAt, pixelAt, triangles, drawn, forgetDepths,
   };
 };

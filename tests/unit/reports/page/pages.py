@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +49,8 @@ def square(cells: int, side_m: float = 1.6) -> Mesh:
     return Mesh(points, faces)
 
 
-def compact(method: str) -> CompactMesh:
-    mesh = square(CELLS[method])
+def compact(method: str, cells: int = 0) -> CompactMesh:
+    mesh = square(cells or CELLS[method])
     if method == TRUTH:
         return CompactMesh.of(mesh)
     count = len(mesh.vertices)
@@ -60,8 +61,17 @@ def compact(method: str) -> CompactMesh:
     return CompactMesh.of(mesh, columns)
 
 
-def write_page(directory: Path, *, photos: bool = True) -> Path:
-    """The page of the golden records, with surfaces of two subjects; its ``index.html``."""
+def write_page(
+    directory: Path, *, photos: bool = True, coarse: Mapping[str, int] | None = None
+) -> Path:
+    """The page of the golden records, with surfaces of two subjects; its ``index.html``.
+
+    Args:
+        directory: Where it goes.
+        photos: Whether subjects have photos.
+        coarse: Methods whose surfaces have a coarse form, with the squares that a side of it has.
+    """
+    coarse = coarse or {}
     cameras = VIEWS.cameras(90, 160)
     rgba = np.broadcast_to(np.array(PHOTO, dtype=np.uint8), (160, 90, 4)).copy()
     methods = {record.method_name: record.method for record in RECORDS}
@@ -69,11 +79,14 @@ def write_page(directory: Path, *, photos: bool = True) -> Path:
         subjects = []
         for subject, methods_shown in SHOWN.items():
             for method in methods_shown:
-                folder.add_surface(subject, method, compact(method))
+                rough = compact(method, coarse[method]) if method in coarse else None
+                folder.add_surface(subject, method, compact(method), rough)
             if photos:
                 folder.add_photos(subject, [rgba] * len(cameras), cameras)
             surfaces = [
-                PageSurface(name, name.title().strip("/"), 2 * CELLS[name] ** 2)
+                PageSurface(
+                    name, name.title().strip("/"), 2 * CELLS[name] ** 2, has_coarse=name in coarse
+                )
                 for name in methods_shown
             ]
             views = [PageView(90.0 * view, camera) for view, camera in enumerate(cameras)]

@@ -1,75 +1,30 @@
 """The page in a headless Chromium: what is drawn, what the controls do, what is asked for."""
 
+from __future__ import annotations
+
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.unit.reports.page.chromium import Page, browser, find_chromium
+from tests.unit.reports.page.chromium import Page
 from tests.unit.reports.page.pages import CELLS, PHOTO, write_page
+from tests.unit.reports.page.viewing import (
+    FLAT,
+    HIGH,
+    LOW,
+    MIDDLE,
+    NEEDS_CHROMIUM,
+    before_scripts,
+    choose,
+    middle_of,
+    move,
+    near,
+    opened,
+    pixel,
+)
 
-CHROMIUM = find_chromium()
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None,
-        reason="no Chromium: install it (apt-get install chromium) or set HARNESS_CHROMIUM",
-    ),
-]
-#: First, middle and last colour of the error scale.
-LOW, MIDDLE, HIGH = (233, 229, 220), (224, 108, 74), (52, 17, 38)
-FLAT = "light=no"
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_page(tmp_path_factory.mktemp("browser") / "page").parent
-
-
-@pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    assert CHROMIUM
-    with browser(CHROMIUM, tmp_path_factory.mktemp("profile")) as found:
-        yield found
-
-
-def opened(tab: Page, folder: Path, address: str = "", size: tuple[int, int] = (900, 700)) -> Page:
-    tab.requests.clear()
-    tab.complaints.clear()
-    tab.open(folder / "index.html", f"#{address}" if address else "", size)
-    tab.run("HarnessPage.ready")
-    return tab
-
-
-def middle_of(tab: Page, panel: int) -> tuple[int, ...]:
-    """The colour in the middle of a panel."""
-    return pixel(
-        tab, f"panels[{panel}].x + panels[{panel}].width / 2", f"panels[{panel}].height / 2"
-    )
-
-
-def pixel(tab: Page, x: str, y: str) -> tuple[int, ...]:
-    script = (
-        "(() => { const { panels, pixelAt } = HarnessPage.viewer;"
-        f" return ((panels) => pixelAt({x}, {y}))(panels()); }})()"
-    )
-    return tuple(tab.run(script)[:3])
-
-
-def near(found: tuple[int, ...], wanted: tuple[int, ...], most: int = 3) -> bool:
-    return max(abs(a - b) for a, b in zip(found, wanted, strict=True)) <= most
-
-
-def move(tab: Page, name: str, value: float) -> None:
-    tab.run(
-        f"(() => {{ const input = document.getElementById('{name}'); input.value = {value};"
-        " input.dispatchEvent(new Event('input', { bubbles: true })); })()"
-    )
-
-
-def choose(tab: Page, name: str, value: str) -> None:
-    tab.run(f"document.querySelector('input[name={name}][value={value}]').click()")
+pytestmark = NEEDS_CHROMIUM
 
 
 def test_all_triangles_arrive_and_nothing_but_files_is_asked_for(tab: Page, folder: Path) -> None:
@@ -297,13 +252,9 @@ def test_a_page_without_photos_turns_as_well(tab: Page, tmp_path: Path) -> None:
 
 
 def test_without_graphics_photos_and_tables_are_there(tab: Page, folder: Path) -> None:
-    source = "HTMLCanvasElement.prototype.getContext = () => null;"
-    made = tab.call("Page.addScriptToEvaluateOnNewDocument", {"source": source})
-    try:
+    with before_scripts(tab, "HTMLCanvasElement.prototype.getContext = () => null;"):
         opened(tab, folder)
         assert "WebGL" in tab.run("document.querySelector('.stage .notice').textContent")
         assert tab.run("document.querySelectorAll('.photos img').length") == 4
         assert tab.run("HarnessPage.tablesReady")
         assert tab.complaints == []
-    finally:
-        tab.call("Page.removeScriptToEvaluateOnNewDocument", {"identifier": made["identifier"]})

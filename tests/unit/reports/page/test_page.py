@@ -85,6 +85,21 @@ def test_every_file_that_the_data_name_is_there(page):
     assert [name for name in names if not (page / unquote(name)).is_file()] == []
 
 
+def test_a_coarse_form_is_written_and_named_where_there_is_one(tmp_path):
+    coarse = write_page(tmp_path / "page", coarse={"vggt": 2}).parent
+    named = {
+        (subject["id"], surface["method"]): surface["coarse"]
+        for subject in data_of(coarse)["subjects"]
+        for surface in subject["surfaces"]
+    }
+    text = (coarse / "coarse" / "surfaces" / "vggt" / "a01.js").read_text()
+
+    assert {key for key, name in named.items() if name} == {("a01", "vggt"), ("a02", "vggt")}
+    assert named["a01", "vggt"] == "coarse/surfaces/vggt/a01.js"
+    assert text.startswith('HarnessPage.receive(["a01","vggt","coarse"], {"vertices":9,"faces":8,')
+    assert {p.parent.name for p in coarse.glob("coarse/**/*.js")} == {"vggt"}
+
+
 def test_the_records_behind_the_numbers_are_the_records(page):
     for record in RECORDS:
         path = page / "records" / record.method_name / f"{record.subject}.json"
