@@ -134,8 +134,10 @@ Set = Annotated[
 ]
 
 
-def parsed_settings(texts: list[str] | None) -> dict[str, str]:
-    """The values given with ``--set``, by name.
+def parsed_settings(
+    texts: list[str] | None, option: str = "--set", example: str = "hull.voxel_m=0.005"
+) -> dict[str, str]:
+    """The values given with an option, by name.
 
     Raises:
         HarnessError: a text without an equals sign.
@@ -145,7 +147,7 @@ def parsed_settings(texts: list[str] | None) -> dict[str, str]:
         name, separator, value = text.partition("=")
         if not separator:
             raise HarnessError(
-                f"--set {text}", expected="NAME=VALUE", hint="For example --set hull.voxel_m=0.005"
+                f"{option} {text}", expected="NAME=VALUE", hint=f"For example {option} {example}"
             )
         pairs[name.strip()] = value.strip()
     return pairs

@@ -12,13 +12,14 @@ from __future__ import annotations
 import signal
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MissingPart
-from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
+from harness.pipeline.executors.local import Local
+from harness.pipeline.executors.machine import machine_facts
 from harness.pipeline.inputs.captures import PHOTOS, photograph
 from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.sealed import Look, admit
@@ -29,12 +30,13 @@ from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.plan import Cell, EvalRequest, SubjectFiles, plan
 from harness.pipeline.run.publication import Attempt
 from harness.pipeline.run.store import Outcome
+from harness.pipeline.run.tasks.known_files import KnownFiles
+from harness.pipeline.run.tasks.run_of_tasks import CELLS, MachineShare, RunOfTasks
+from harness.pipeline.run.tasks.run_values import error_values
 
-__all__ = ["EvalSummary", "evaluate"]
+__all__ = ["CellRun", "EvalSummary", "evaluate"]
 
 _WORKER = "harness.pipeline.run.cell_worker"
-#: Name of the progress bar that counts cells.
-_CELLS = "reconstructions"
 #: How often a cell is planned again because photos, scan or code changed under it.
 _ATTEMPTS = 3
 
@@ -45,9 +47,11 @@ class EvalSummary:
 
     Attributes:
         outcomes: All cells of the request, by subject and method.
+        machines: Which machine did what.
     """
 
     outcomes: tuple[Outcome, ...]
+    machines: tuple[MachineShare, ...] = ()
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -74,6 +78,7 @@ class EvalSummary:
         return {
             "counts": dict(self.counts),
             "cached": self.cached,
+            "machines": [asdict(machine) for machine in self.machines],
             "records": [record.to_dict() for record in self.records],
             "stale": [
                 {
@@ -85,11 +90,6 @@ class EvalSummary:
                 if kept.kept
             ],
         }
-
-
-def _stale_entry(outcome: Outcome) -> dict[str, str]:
-    record = outcome.record
-    return {"method": record.method_name, "subject": record.subject, "why": outcome.kept}
 
 
 def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
@@ -111,47 +111,83 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     cells = plan(request)
     waiting = {cell.subject for cell in cells if cell.files is None}
     progress.expect(PHOTOS, len(waiting) * source.views_to_render)
-    progress.expect(_CELLS, len(cells))
-    run = _Run(request, progress)
-    outcomes = in_threads(run.subject, source.subjects, request.jobs)
-    return EvalSummary(tuple(outcome for found in outcomes for outcome in found))
+    progress.expect(CELLS, len(cells))
+    run = RunOfTasks(request, progress, CellRun(request).given_up)
+    tasks = run.tasks_for(cells)
+    # Of a large run, what was planned is more than what has to be kept in memory.
+    del cells
+    executor = request.executor or Local(request.jobs)
+    executor.carry_out(tasks, progress, run.answered)
+    return EvalSummary(run.outcomes(), run.machines())
 
 
 @dataclass(frozen=True, slots=True)
-class _Run:
-    """A request that is being carried out."""
+class CellRun:
+    """A request that is being carried out, on this machine.
+
+    Attributes:
+        request: What was asked for.
+        known: What was found of the subjects that were looked at last.
+    """
 
     request: EvalRequest
-    progress: Progress
+    known: KnownFiles = field(default_factory=KnownFiles)
 
-    def subject(self, subject: str) -> list[Outcome]:
-        """All methods on one subject."""
-        files = self._files(subject)
-        if isinstance(files, SubjectFiles):
-            for warning in files.capture.warnings:
-                self.progress.say(f"{subject}: {warning}")
-        outcomes: list[Outcome] = []
-        for method in self.request.methods:
-            with self.request.store.cell(method.row, subject).locked():
-                # Planned under the lock: another run may have filed the record meanwhile.
-                outcome = self._outcome(method, subject, files)
-            if outcome.status != "ok":
-                self.progress.say(outcome.line)
-            outcomes.append(outcome)
-            self.progress.done(_CELLS)
-        return outcomes
+    def photos(self, subject: str, progress: Progress) -> dict[str, object]:
+        """A subject's photos are there, with their ``warnings``; or the ``error`` says why not."""
+        files = self._files(subject, progress)
+        if isinstance(files, HarnessError):
+            return {"error": error_values(files)}
+        return {"warnings": list(files.capture.warnings)}
 
-    def _files(self, subject: str) -> SubjectFiles | HarnessError:
+    def carried_out(self, row: str, subject: str, progress: Progress) -> dict[str, object]:
+        """Reconstruct, score and file a cell, unless its record is current.
+
+        Returns:
+            ``cached``, ``kept`` and ``line`` of its ``Outcome``; the line is empty where it is ok.
+        """
+        files = self.known.get(subject) or self._files(subject, progress)
+        with self.request.store.cell(row, subject).locked():
+            # Planned under the lock: another run may have filed the record meanwhile.
+            outcome = self._outcome(self._method(row), files, progress, subject)
+        return _answer(outcome)
+
+    def given_up(self, row: str, subject: str, reason: str) -> dict[str, object]:
+        """File the failure of a cell that no machine gave an answer about.
+
+        A record that is current or good stays. Returns as ``carried_out``.
+        """
+        alone = replace(
+            self.request, source=self.request.source.only(subject), methods=(self._method(row),)
+        )
+        with self.request.store.cell(row, subject).locked():
+            (cell,) = plan(alone)
+            if cell.record is not None:
+                return _answer(Outcome(cell.record, cached=True))
+            failure = CellResult("failed", reason, by_method=False)
+            return _answer(self._filed(cell, failure, cell.folder.new_attempt()))
+
+    def _method(self, row: str) -> ChosenMethod:
+        return next(method for method in self.request.methods if method.row == row)
+
+    def _files(self, subject: str, progress: Progress) -> SubjectFiles | HarnessError:
         """Photos, made if need be, and scan; or why they are not there."""
         source = self.request.source
+        files: SubjectFiles | HarnessError
         try:
-            capture = photograph(source, subject, self.progress, self.request.timeout_s)
-            return SubjectFiles(capture, source.scan_of(subject))
+            capture = photograph(source, subject, progress, self.request.timeout_s)
+            files = SubjectFiles(capture, source.scan_of(subject))
         except HarnessError as error:
-            return error
+            files = error
+        self.known.put(subject, files)
+        return files
 
     def _outcome(
-        self, method: ChosenMethod, subject: str, files: SubjectFiles | HarnessError
+        self,
+        method: ChosenMethod,
+        files: SubjectFiles | HarnessError,
+        progress: Progress,
+        subject: str,
     ) -> Outcome:
         """The record of a cell as it is, or the outcome of reconstructing."""
         cell, reason = self.request.waiting_cell(method, subject, ""), ""
@@ -168,8 +204,8 @@ class _Run:
             if result.status != "changed":
                 return self._filed(cell, result, attempt)
             reason = result.reason
-            self.progress.say(f"{method.row} on {subject} is planned again: {reason}")
-            files = self._files(subject)
+            progress.say(f"{method.row} on {subject} is planned again: {reason}")
+            files = self._files(subject, progress)
         given_up = CellResult("failed", f"after {_ATTEMPTS} attempts, {reason}", by_method=False)
         # Which photos the last attempt saw is not known.
         return self._filed(replace(cell, files=None), given_up, cell.folder.new_attempt())
@@ -204,6 +240,11 @@ class _Run:
         return cell.folder.file(record, attempt, own_failure=result.by_method)
 
 
+def _answer(outcome: Outcome) -> dict[str, object]:
+    line = "" if outcome.status == "ok" else outcome.line
+    return {"cached": outcome.cached, "kept": outcome.kept, "line": line}
+
+
 def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
     status = "missing" if isinstance(error, MissingPart) else "failed"
     return CellResult(status, str(error), by_method=by_method)
@@ -230,13 +271,18 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         diagnostics=result.scores.diagnostics,
         stages=result.stages,
         shared_work=result.shared_work,
-        details=result.details,
+        details={**result.details, **_where(result)},
         environment=result.environment or environment(),
         created_utc=utc_now(),
         scale_rule=request.source.scale_rule,
         inputs=cell.inputs.to_dict() if cell.inputs else {},
         files=result.files,
     )
+
+
+def _where(result: CellResult) -> dict[str, object]:
+    """The machine that a method ran on; nothing where none was run."""
+    return {"machine": machine_facts().to_dict()} if result.environment else {}
 
 
 def _stamp(capture: Capture) -> CaptureStamp:

@@ -11,6 +11,7 @@ from harness.core.process.differences import listed_differences
 from harness.core.protocols import MethodInfo
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
+from harness.pipeline.executors.task import Executor
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import Inputs, evaluated
@@ -92,6 +93,7 @@ class EvalRequest:
         reason: Why sealed subjects are evaluated; needed for sealed subjects only.
         timeout_s: Longest time for the photos of a subject, and for a cell; None is no limit.
         share: Whether methods share what they make alike, such as a body fit.
+        executor: Where it is carried out; None is this machine, with ``jobs``.
     """
 
     source: Source
@@ -104,6 +106,7 @@ class EvalRequest:
     reason: str = ""
     timeout_s: float | None = 3600.0
     share: bool = True
+    executor: Executor | None = None
 
     def cell(self, method: ChosenMethod, files: SubjectFiles) -> Cell:
         """The cell of a method on a subject whose photos and scan are there.

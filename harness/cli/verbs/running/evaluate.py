@@ -7,6 +7,14 @@ from typing import Annotated
 import typer
 
 from harness.cli.display import shown_progress
+from harness.cli.executor_options import (
+    Cell,
+    ExecutorName,
+    ExecutorOption,
+    RayAddress,
+    SlurmOptions,
+    Where,
+)  # fmt: skip
 from harness.cli.options import (
     Dataset,
     Jobs,
@@ -35,7 +43,8 @@ from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
 from harness.pipeline.inputs.sealed import announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.chosen_method import chosen_methods
+from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+from harness.pipeline.run.evaluate import EvalSummary
 from harness.pipeline.run.evaluate import evaluate as carry_out
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
@@ -103,6 +112,10 @@ def evaluate(
     reason: Reason = "",
     timeout: Timeout = 3600.0,
     share: Share = True,
+    executor: ExecutorOption = ExecutorName.LOCAL,
+    ray_address: RayAddress = "",
+    slurm: SlurmOptions = None,
+    cell: Cell = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only show what would run, and why.")
     ] = False,
@@ -121,15 +134,10 @@ def evaluate(
     """
     checked = load_manifest(manifest)
     place = Workspace.default(workspace)
+    where = Where(executor, cell, ray_address, slurm, timeout)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=chosen_methods(
-            split_names(method),
-            parsed_settings(settings),
-            row,
-            parsed_parts(parts),
-            AddedMethods.of(place),
-        ),
+        methods=_methods(place, split_names(method), parsed_settings(settings), row, parts),
         protocol=checked.protocol(protocol),
         store=RunStore(place.run(run)),
         seed=seed,
@@ -138,6 +146,7 @@ def evaluate(
         reason=reason,
         timeout_s=limit_s(timeout),
         share=share,
+        executor=where.executor(place, jobs),
     )
     if dry_run:
         _show_plan(request, as_json=as_json)
@@ -145,6 +154,12 @@ def evaluate(
         _run_seeds(request, seeds, as_json=as_json)
     else:
         _run(request, as_json=as_json)
+
+
+def _methods(
+    place: Workspace, names: tuple[str, ...], settings: dict[str, str], row: str, parts: str
+) -> tuple[ChosenMethod, ...]:
+    return chosen_methods(names, settings, row, parsed_parts(parts), AddedMethods.of(place))
 
 
 def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
@@ -170,10 +185,17 @@ def _run(request: EvalRequest, *, as_json: bool) -> None:
     else:
         counts = ", ".join(f"{number} {status}" for status, number in summary.counts.items())
         print(f"{counts} ({summary.cached} cached) in {request.store.directory}")
+        _show_machines(request, summary)
         table = "photos" if request.source.is_imported else "geometry"
         print(f"Next: harness report --table {table} --run {request.store.directory.name}")
     if not summary.all_ok:
         raise typer.Exit(1)
+
+
+def _show_machines(request: EvalRequest, summary: EvalSummary) -> None:
+    """Which machine did what, where there may be several."""
+    for machine in summary.machines if request.executor else ():
+        print(f"  {machine}")
 
 
 def _run_seeds(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
@@ -195,6 +217,7 @@ def _run_seeds(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
         for each, summary in found:
             counts = ", ".join(f"{number} {status}" for status, number in summary.counts.items())
             print(f"seed {each.seed}: {counts} ({summary.cached} cached) in {each.store.directory}")
+            _show_machines(request, summary)
         print(f"Next: harness report --table seeds --run {request.store.directory.name}")
     if not all(summary.all_ok for _, summary in found):
         raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""The work of a run as tasks that can travel: a subject's photos, and each of its cells."""
