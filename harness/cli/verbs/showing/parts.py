@@ -78,7 +78,8 @@ def import_part(
         typer.Option(
             "--recipe",
             metavar="NAME",
-            help="For normals-onnx: which public network the file is; only david is known.",
+            help="Which public network the file is: david for normals-onnx; u2net, isnet or "
+            "birefnet for masks-onnx.",
         ),
     ] = "",
     replace: Annotated[
