@@ -23,7 +23,8 @@ from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
 from methods.body.models.parts import body_part
 from methods.body.models.smplx_body import SmplxBody
-from methods.body.models.smplx_part import named_model
+from methods.body.models.smplx_file import require_model
+from methods.body.models.smplx_part import model_path, named_model
 from methods.body.photos import detection
 from methods.body.photos.views import Given, Views, load_views
 from methods.body.pixie.decode import PixieView
@@ -95,6 +96,16 @@ class BodyFit:
     def with_settings(self, settings: FitSettings) -> BodyFit:
         """The method with other settings."""
         return BodyFit(self._name, self._title, self.views, settings, self._published)
+
+    def require_installed(self) -> None:
+        """Nothing, if the body model is there.
+
+        Raises:
+            MissingPart: it is not; the hint is the next command.
+            DataError: the imported file is another one.
+        """
+        if self.settings.model == "smplx":
+            require_model(model_path(_model_file(self.settings)))
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The fitted body and its surface, world metres.

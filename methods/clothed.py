@@ -230,6 +230,10 @@ class ClothedMethod:
         fit = self._fit.with_settings(overridden(self._fit.settings, own["body"]))
         return ClothedMethod(self._names, fit, self._plan, settings, self._published)
 
+    def require_installed(self) -> None:
+        """Nothing, if the body model is there; errors as ``BodyFit.require_installed``."""
+        self._fit.require_installed()
+
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The clothed mesh and the body within it, world metres.
 

@@ -190,6 +190,10 @@ def _part(name: str) -> Finding:
             f"{about.source}; then run: {about.command}",
         )  # fmt: skip
     note = ", ".join(f"{part.title} (sha256 {part.sha256[:12]})" for part in parts)
+    named = {part.name for part in parts}
+    left = [file for file in kind.about.files if file.rpartition(".")[0] not in named]
+    if len(kind.about.files) > 1 and left:
+        note += f"; not imported: {', '.join(left)}"
     return Finding("part", name, True, False, note)
 
 

@@ -80,6 +80,7 @@ def fit_body(
         regions=body.regions,
         views_left_out=views.left_out,
         depth_is_given=views.views[0].place.depth_is_known,
+        first_is_regressed=first_in is not None,
         swapped=fit.swapped,
         cost=fit.cost,
     )

@@ -49,6 +49,7 @@ class BodyFitResult:
             ``eyeballs``.
         views_left_out: Why a view could not be used, by its index.
         depth_is_given: Whether the distance of the subject was known before the fit.
+        first_is_regressed: Whether a network made the first body, and not a fit with a prior.
         swapped: Indices of the views whose landmarks had left and right exchanged; None where the
             fit does not look for them.
         cost: Cost of the joint optimisation; None for fits without one.
@@ -60,6 +61,7 @@ class BodyFitResult:
     regions: Mapping[str, Mask]
     views_left_out: Mapping[int, str] = field(default_factory=dict[int, str])
     depth_is_given: bool = False
+    first_is_regressed: bool = False
     swapped: tuple[int, ...] | None = None
     cost: FitCost | None = None
 
@@ -79,8 +81,12 @@ class BodyFitResult:
             details["depth"] = (
                 "held at the subject's given centre"
                 if self.depth_is_given
-                else "one view cannot tell size from distance: the body model's height prior "
-                "decides"
+                else "one view cannot tell size from distance: "
+                + (
+                    "the size of the first body that a network regressed decides"
+                    if self.first_is_regressed
+                    else "the body model's height prior decides"
+                )
             )
         if self.swapped is not None:
             details["swapped_views"] = list(self.swapped)

@@ -30,6 +30,7 @@ class _Facts:
     hands_found: tuple[bool, bool]
     views_left_out: Mapping[str, str]
     depth_is_given: bool
+    first_is_regressed: bool
     swapped: tuple[int, ...] | None
     cost: FitCost | None
 
@@ -41,6 +42,7 @@ def packed(fit: BodyFitResult) -> dict[str, NDArray[Any]]:
         fit.hands_found,
         {str(view): why for view, why in fit.views_left_out.items()},
         fit.depth_is_given,
+        fit.first_is_regressed,
         fit.swapped,
         fit.cost,
     )
@@ -70,6 +72,7 @@ def unpacked(arrays: Mapping[str, NDArray[Any]]) -> BodyFitResult:
         },
         views_left_out={int(view): why for view, why in facts.views_left_out.items()},
         depth_is_given=facts.depth_is_given,
+        first_is_regressed=facts.first_is_regressed,
         swapped=facts.swapped,
         cost=facts.cost,
     )

@@ -171,6 +171,11 @@ class FusedMethod:
         chosen = {name: overridden(room, own[name]) for name, room in rooms.items()}
         return FusedMethod(self._names, FusedRooms(**chosen))
 
+    def require_installed(self) -> None:
+        """Nothing, if the body model is there; errors as ``BodyFit.require_installed``."""
+        if self.settings.body == "on":
+            self._fit.require_installed()
+
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The clothed mesh, closed and in one piece, and the body within it, world metres.
 

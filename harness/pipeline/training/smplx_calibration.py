@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from harness.core.array_files.pickles import read_array_pickle
 from harness.core.arrays import Floats
@@ -200,6 +199,7 @@ def true_smplx(body: SmplxBody, scan: Scan, fit: Path) -> Posed:
         DataError: a value of the fit is missing or of another size.
     """
     import torch
+    from scipy.spatial.transform import Rotation
 
     document = read_array_pickle(fit)
     place = placing(document)

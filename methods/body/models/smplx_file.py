@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
 
 __all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "OWN", "PIXIES", "Spaces", "checked_model",
-           "load_model"]  # fmt: skip
+           "load_model", "require_model"]  # fmt: skip
 
 _WHERE = (
     "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and run: "
@@ -100,13 +101,29 @@ def load_model(path: Path | None, spaces: Spaces = OWN) -> Any:
         MissingPart: no file, or no package ``smplx``.
         DataError: the file is not SMPL-X, or cannot be read without running what it holds.
     """
+    there = require_model(path)
+    return _loaded(there, there.stat().st_mtime_ns, spaces)
+
+
+def require_model(path: Path | None) -> Path:
+    """The model file, if it is there, and the package that reads it.
+
+    Raises:
+        MissingPart: one of them is not.
+    """
     if path is None or not path.is_file():
         raise MissingPart(
             "the body model SMPL-X has no model file" if path is None else f"no file at {path}",
             expected="SMPLX_NEUTRAL.npz or .pkl",
             hint=_WHERE,
         )
-    return _loaded(path, path.stat().st_mtime_ns, spaces)
+    if importlib.util.find_spec("smplx") is None:
+        raise _no_package()
+    return path
+
+
+def _no_package() -> MissingPart:
+    return MissingPart("the package smplx is not installed", hint="Run: pip install smplx==0.1.28")
 
 
 @functools.lru_cache(maxsize=1)
@@ -114,9 +131,7 @@ def _loaded(path: Path, changed_ns: int, spaces: Spaces) -> Any:  # noqa: ARG001
     try:
         import smplx
     except ImportError as error:
-        raise MissingPart(
-            "the package smplx is not installed", hint="Run: pip install smplx==0.1.28"
-        ) from error
+        raise _no_package() from error
     arrays: dict[str, Any] = checked_model(path)
     if arrays["shapedirs"].shape[2] < _MOST_DIRECTIONS:
         spaces = OWN

@@ -23,8 +23,18 @@ from harness.core.errors import HarnessError, did_you_mean
 from harness.core.formats.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.training.smplx_calibration import (
+    CalibrationRequest,
+    calibrate_smplx,
+    forget_smplx,
+)
 from methods.body.models.smplx_part import SMPLX
-from methods.body.smplx_offsets import offsets_file, offsets_part, stored_offsets
+from methods.body.smplx_offsets import (
+    SmplxOffsets,
+    offsets_file,
+    offsets_part,
+    stored_offsets,
+)
 from methods.parts.catalog import all_kinds, part_kind
 from methods.parts.kind import ImportOptions, PartCheck, PartKind, State
 
@@ -179,13 +189,6 @@ def calibrate(
     people are detected, bodies are fitted. Every later fit of SMPL-X uses the offsets, and its
     records name them.
     """
-    # PyTorch takes seconds to load, and other verbs of this group do without it.
-    from harness.pipeline.training.smplx_calibration import (
-        CalibrationRequest,
-        calibrate_smplx,
-        forget_smplx,
-    )
-
     if kind != SMPLX.about.name:
         raise HarnessError(
             f"parts of the kind '{kind}' have nothing to calibrate", expected=SMPLX.about.name
@@ -205,7 +208,11 @@ def calibrate(
     found = calibrate_smplx(request, lambda line: print(line, file=sys.stderr, flush=True))
     if as_json:
         print_json(to_json(found))
-        return
+    else:
+        _show_offsets(found)
+
+
+def _show_offsets(found: SmplxOffsets) -> None:
     print("landmark   offset x, y, z (mm)      spread (mm)")
     for each in found.measured:
         x, y, z = each.offset_mm

@@ -108,11 +108,12 @@ def test_exchanged_inputs_are_seen(filled_network, golden):
     ("place", "name", "value"),
     [
         (network, "_normalised", lambda x: functional.relu(torch_layers.instance_normalised(x))),
+        (network, "_normalised", functional.relu),
         (torch_layers, "_EPS", 1e-2),
         (network._Attention, "forward", lambda own, x: own.conv(x)),
         (functional, "grid_sample", sampled(align_corners=False)),
     ],
-    ids=["normalised before ReLU", "eps", "no attention", "corners not aligned"],
+    ids=["normalised before ReLU", "not normalised", "eps", "no attention", "corners not aligned"],
 )
 def test_another_layer_is_seen(filled_network, golden, monkeypatch, place, name, value):
     monkeypatch.setattr(place, name, value)

@@ -68,20 +68,34 @@ def test_golden_vectors(network, golden, name):
     assert off(network(name), golden["image"], golden[SIDES[name]], golden[f"{name}_raw"]) < GOLDEN
 
 
+#: What a network may be shown instead of photo, front and back of the body.
+SHOWN = {
+    "body first": lambda image, front, back: (front, image),
+    "BGR": lambda image, front, back: (image[::-1], front),
+    "from 0 to 1": lambda image, front, back: ((image + 1) / 2, front),
+    "left for right": lambda image, front, back: (image[..., ::-1], front[..., ::-1]),
+    "the other side's body": lambda image, front, back: (image, back),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", SHOWN)
+def test_each_mistake_of_the_input_is_seen(network, golden, mistake):
+    sides = (golden[name] for name in ("image", "T_normal_F", "T_normal_B"))
+    moved = off(network("netF"), *SHOWN[mistake](*sides), golden["netF_raw"])
+    assert moved > 20 * GOLDEN
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "mistake",
-    ["body first", "BGR", "zero padding", "mirrored kernels", "a missing block", "no ReLU", "eps"],
+    ["zero padding", "mirrored kernels", "a missing block", "no ReLU", "not normalised", "eps"],
 )
 def test_each_mistake_is_seen(network, golden, monkeypatch, mistake):
     image, body = golden["image"], golden["T_normal_F"]
     made = network("netF")
     convolutions = [layer for layer in made.modules() if isinstance(layer, nn.Conv2d)]
-    if mistake == "body first":
-        image, body = body, image
-    elif mistake == "BGR":
-        image = image[::-1]
-    elif mistake == "zero padding":
+    if mistake == "zero padding":
         monkeypatch.setattr(
             nn.ReflectionPad2d, "forward", lambda own, x: nn.functional.pad(x, own.padding)
         )
@@ -92,6 +106,8 @@ def test_each_mistake_is_seen(network, golden, monkeypatch, mistake):
         monkeypatch.setitem(made.model._modules, "20", nn.Identity())
     elif mistake == "no ReLU":
         monkeypatch.setattr(nn.ReLU, "forward", lambda own, x: x)
+    elif mistake == "not normalised":
+        monkeypatch.setattr(torch_layers.InstanceNorm, "forward", lambda own, x: x)
     else:
         monkeypatch.setattr(torch_layers, "_EPS", 1e-3)
     moved = off(made, image, body, golden["netF_raw"])

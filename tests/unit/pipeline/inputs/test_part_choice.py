@@ -7,6 +7,7 @@ import pytest
 from harness.core.errors import HarnessError, MissingPart
 from harness.pipeline.inputs.part_choice import PartChoice, parsed_parts
 from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+from methods import body_fit
 from methods.catalog import METHODS
 
 PAPER = parsed_parts("paper")
@@ -76,6 +77,22 @@ def test_a_part_that_is_not_imported_is_told_before_anything_runs():
         chosen_methods(["mexecon8"], {}, parts=parsed_parts("completion=ifnet"))
 
 
+@pytest.mark.parametrize("name", ["jmbo8", "mexecon8", "mexecon+"])
+def test_a_body_model_that_is_not_there_is_told_before_anything_runs(name, tmp_path):
+    with pytest.raises(MissingPart, match="SMPL-X has no model file.*smpl-x.is.tue.mpg.de"):
+        chosen_methods([name], {}, parts=parsed_parts("body=smplx"))
+    with pytest.raises(MissingPart, match="no file at .*mine.npz"):
+        file = str(tmp_path / "mine.npz")
+        chosen_methods([name], {"body.model": "smplx", "body.model_file": file})
+
+
+@pytest.fixture
+def a_model(monkeypatch):
+    """As if the body model were there."""
+    monkeypatch.setattr(body_fit, "require_model", lambda path: path)
+
+
+@pytest.mark.usefixtures("a_model")
 def test_what_a_user_set_counts_more():
     (chosen,) = chosen_methods(["mexecon2"], OPEN, parts=PAPER)
     body = chosen.info.parameters["body"]
@@ -84,6 +101,7 @@ def test_what_a_user_set_counts_more():
     assert chosen_methods(["econ"], {}, parts=None)[0].settings == {}
 
 
+@pytest.mark.usefixtures("a_model")
 def test_a_method_with_chosen_parts_is_made_once(monkeypatch):
     asked = []
     resolve = METHODS.resolve
