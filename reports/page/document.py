@@ -78,9 +78,10 @@ def _viewer(model: PageModel) -> str:
 <noscript><p class="notice">The surfaces need JavaScript. The tables below do not.</p></noscript>
 <div class="subjects" role="radiogroup" aria-label="Subject">{subjects}</div>
 <div class="stage">
-<div class="panels" aria-label="Surfaces side by side"></div>
-<canvas tabindex="0" aria-label="3-D view. Drag or use the arrow keys to turn, plus and minus \
-to zoom, 0 to return to the front, 1 to 9 to look through a photo's camera."></canvas>
+<div class="panels" role="group" aria-label="Surfaces side by side"></div>
+<canvas tabindex="0" role="application" aria-label="3-D view. Drag or use the arrow keys to \
+turn, plus and minus to zoom, 0 to return to the front, 1 to 9 to look through a photo's \
+camera."></canvas>
 <div class="divider" hidden></div>
 <output class="probe" hidden></output>
 <p class="notice" role="status" hidden></p>

@@ -94,10 +94,11 @@ HarnessPage.shaders = (() => {
     in vec3 position;
     in vec2 uv;
     uniform vec2 extent;
+    uniform float down;
     out vec2 vUv;
     void main() {
       vUv = uv;
-      gl_Position = vec4(2.0 * position.xy * extent, 0.0, 1.0);
+      gl_Position = vec4(2.0 * position.xy * extent - vec2(0.0, down), 0.0, 1.0);
     }`;
 
   const pictureFragment = /* glsl */ `

@@ -7,7 +7,9 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   const REST_MS = 180, SLOW_MS = 100;
   // Without a graphics card smooth edges cost more than everything else.
   const isSoftware = /swiftshader|llvmpipe|software/i.test(graphicsName());
-  const renderer = new THREE.WebGLRenderer({ canvas, antialias: !isSoftware, alpha: true, preserveDrawingBuffer: true });
+  // three.js itself asks for a canvas that may be clear. Some browsers show its clear parts in black.
+  const asked = { alpha: false, antialias: !isSoftware, preserveDrawingBuffer: true, stencil: false };
+  const renderer = new THREE.WebGLRenderer({ canvas, context: canvas.getContext("webgl2", asked) });
   renderer.autoClear = false;
   renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
   renderer.outputColorSpace = "srgb-linear"; // shaders give display colours already
@@ -21,7 +23,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   };
   const material = shaders.surfaceMaterial(look);
   const wire = shaders.wireMaterial(shared);
-  const over = { photo: { value: null }, opacity: { value: 1 }, extent: { value: new THREE.Vector2(1, 1) } };
+  const over = { photo: { value: null }, opacity: { value: 1 }, extent: { value: new THREE.Vector2(1, 1) }, down: { value: views.DOWN } };
   const body = new THREE.Mesh(new THREE.BufferGeometry(), material);
   const picture = new THREE.Mesh(new THREE.PlaneGeometry(1, 1), shaders.pictureMaterial(over));
   const [bodyScene, pictureScene] = [body, picture].map((object) => {
@@ -52,10 +54,25 @@ HarnessPage.createViewer = (canvas, onTurned) => {
   let subject = { views: [], pictures: [], reach: [1, 1] };
   let askedAt = null;
   // While a view turns, coarse surfaces stand for full ones that cannot be drawn often enough.
-  let isSlow = isSoftware, isMoving = false, resting = 0;
+  let isSlow = isSoftware, isMoving = false, resting = 0, isPrinting = false;
 
-  controls.addEventListener("start", () => { canvas.focus({ preventScroll: true }); leavePhoto(); });
+  controls.addEventListener("start", () => canvas.focus({ preventScroll: true }));
   controls.addEventListener("change", () => { leavePhoto(); moved(); });
+
+  // A finger that scrolls the page past the view begins like one that turns it: the view goes back.
+  let touched = null;
+  canvas.addEventListener("pointerdown", () => {
+    touched = { view: state.view, position: camera.position.clone(), target: controls.target.clone() };
+  }, { capture: true });
+  canvas.addEventListener("pointercancel", () => {
+    if (!touched) return;
+    camera.position.copy(touched.position);
+    controls.target.copy(touched.target);
+    controls.update();
+    state.view = touched.view; // after update(), which tells of a change
+    onTurned();
+    request();
+  });
 
   function graphicsName() {
     const gl = document.createElement("canvas").getContext("webgl2");
@@ -177,6 +194,8 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     request();
   }
 
+  const distance = () => camera.position.distanceTo(controls.target);
+
   function shownView() {
     if (!subject.views.length) return null;
     return state.view ?? views.nearest(subject.views, camera.position);
@@ -207,6 +226,12 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     return Math.max(1, Math.min(count, Math.floor(width / 170) || 1, count > 4 && width < 900 ? 3 : count));
   }
 
+  function stageColour() {
+    if (isPrinting) return new THREE.Color(1, 1, 1);
+    const [red, green, blue] = getComputedStyle(canvas.parentElement).backgroundColor.match(/[\d.]+/g);
+    return new THREE.Color(red / 255, green / 255, blue / 255);
+  }
+
   function draw() {
     if (isMoving && askedAt !== null && performance.now() - askedAt > SLOW_MS) isSlow = true;
     askedAt = null;
@@ -219,6 +244,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     renderer.setRenderTarget(null);
     renderer.setScissorTest(false);
     renderer.setViewport(0, 0, width, height);
+    renderer.setClearColor(stageColour(), 1);
     renderer.clear();
     renderer.setScissorTest(true);
     for (const panel of shown) {
@@ -319,6 +345,7 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     look.mode.value = shaders.MODES.probe;
     look.greatest.value = surface.greatest[state.metric];
     renderer.setRenderTarget(spot);
+    renderer.setClearColor(0, 0);
     renderer.clear();
     show(surface, material);
     const pixel = new Uint8Array(4);
@@ -353,10 +380,20 @@ HarnessPage.createViewer = (canvas, onTurned) => {
     requestAnimationFrame(draw);
   }
 
+  // A canvas is black until something is drawn.
+  renderer.setClearColor(stageColour(), 1);
+  renderer.clear();
   new ResizeObserver(request).observe(canvas);
+  new MutationObserver(request).observe(document.documentElement, { attributeFilter: ["data-theme"] });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", request);
+  for (const [name, printing] of [["beforeprint", true], ["afterprint", false]]) {
+    window.addEventListener(name, () => { isPrinting = printing; draw(); });
+  }
+  // Graphics that were reset, as after sleep or by another page, come back without their pictures.
+  canvas.addEventListener("webglcontextrestored", () => { forgetDepths(); request(); });
 
   return {
     state, isSoftware, keep, has, setSubject, lookThrough, turn, shownView, panels, columnsFor, draw, request,
-    valueAt, pixelAt, triangles, drawn, forgetDepths,
+    valueAt, pixelAt, triangles, drawn, distance, forgetDepths,
   };
 };

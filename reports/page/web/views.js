@@ -3,7 +3,7 @@
 
 HarnessPage.views = (() => {
   const NEAR = 0.3, FAR = 30;
-  const WIDEST = 0.94, HIGHEST = 0.88; // leaves room for the heads of panels
+  const WIDEST = 0.94, HIGHEST = 0.85, DOWN = 0.055; // leaves room above for the heads of panels
 
   // OpenCV's camera axes (x right, y down, z forward) against WebGL's (y up, z backward).
   function worldToView(view) {
@@ -47,9 +47,10 @@ HarnessPage.views = (() => {
     const [fx, fy, cx, cy] = view.intrinsics;
     const { width, height } = view;
     const [sx, sy] = aspect === undefined ? [1, 1] : extentIn(view, aspect, reach);
+    const down = aspect === undefined ? 0 : DOWN;
     return new THREE.Matrix4().set(
       sx * 2 * fx / width, 0, sx * (1 - 2 * cx / width), 0,
-      0, sy * 2 * fy / height, sy * (2 * cy / height - 1), 0,
+      0, sy * 2 * fy / height, sy * (2 * cy / height - 1) + down, 0,
       0, 0, (NEAR + FAR) / (NEAR - FAR), 2 * NEAR * FAR / (NEAR - FAR),
       0, 0, -1, 0,
     );
@@ -60,7 +61,7 @@ HarnessPage.views = (() => {
     const [sx, sy] = extentIn(lens, aspect, reach);
     return new THREE.Matrix4().set(
       sx / (lens.half * lens.width / lens.height), 0, 0, 0,
-      0, sy / lens.half, 0, 0,
+      0, sy / lens.half, DOWN, 0,
       0, 0, (NEAR + FAR) / (NEAR - FAR), 2 * NEAR * FAR / (NEAR - FAR),
       0, 0, -1, 0,
     );
@@ -86,5 +87,5 @@ HarnessPage.views = (() => {
     return best;
   }
 
-  return { worldToView, projection, freeProjection, extentIn, lensOf, positionOf, nearest, reachOf };
+  return { DOWN, worldToView, projection, freeProjection, extentIn, lensOf, positionOf, nearest, reachOf };
 })();

@@ -258,3 +258,123 @@ def test_without_graphics_photos_and_tables_are_there(tab: Page, folder: Path) -
         assert tab.run("document.querySelectorAll('.photos img').length") == 4
         assert tab.run("HarnessPage.tablesReady")
         assert tab.complaints == []
+
+
+STAGE = {"light": (241, 239, 234), "dark": (26, 29, 32)}
+
+
+def test_the_stage_has_its_colour_in_the_canvas_itself(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=hull8")
+    for theme, colour in STAGE.items():
+        tab.run(f"document.documentElement.dataset.theme = '{theme}'")
+        assert pixel(tab, "2", "panels[0].height - 2") == colour
+
+    opaque = "document.querySelector('canvas').getContext('webgl2').getContextAttributes().alpha"
+    assert tab.run(opaque) is False
+
+
+def test_paper_is_white(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=hull8")
+    tab.run(
+        "document.documentElement.dataset.theme = 'dark'; dispatchEvent(new Event('beforeprint'))"
+    )
+    assert pixel(tab, "2", "panels[0].height - 2") == (255, 255, 255)
+
+    tab.run("dispatchEvent(new Event('afterprint'))")
+    assert pixel(tab, "2", "panels[0].height - 2") == STAGE["dark"]
+
+
+def test_graphics_that_were_reset_draw_again(tab: Page, folder: Path) -> None:
+    opened(tab, folder, f"show=hull8 vggt&{FLAT}")
+    tab.run(
+        "new Promise((done) => { const canvas = document.querySelector('canvas');"
+        " const lose = canvas.getContext('webgl2').getExtension('WEBGL_lose_context');"
+        " canvas.addEventListener('webglcontextrestored', () => setTimeout(done, 50));"
+        " const restore = () => setTimeout(() => lose.restoreContext(), 50);"
+        " canvas.addEventListener('webglcontextlost', restore);"
+        " lose.loseContext(); })"
+    )
+
+    assert near(middle_of(tab, 0), LOW)
+    assert near(middle_of(tab, 1), HIGH)
+
+
+#: What a screen reader calls things that can be used.
+USABLE = {"button", "link", "combobox", "slider", "radio", "checkbox", "tab", "application"}
+
+
+def test_a_screen_reader_hears_a_name_for_everything_that_can_be_used(
+    tab: Page, folder: Path
+) -> None:
+    opened(tab, folder, "show=hull8 mexecon")
+    nodes = tab.call("Accessibility.getFullAXTree")["nodes"]
+    usable = [
+        (node["role"]["value"], node["name"]["value"])
+        for node in nodes
+        if not node["ignored"] and node["role"]["value"] in USABLE
+    ]
+
+    assert {role for role, _ in usable} == USABLE
+    assert [role for role, name in usable if not name.strip()] == []
+    assert {"Surface 1", "Surface 2"} <= {name for role, name in usable if role == "combobox"}
+    assert any(name.startswith("3-D view") for _, name in usable)
+
+
+def test_tab_reaches_every_control_of_the_viewer(tab: Page, folder: Path) -> None:
+    opened(tab, folder, "show=hull8 mexecon")
+    reached = set()
+    for _ in range(60):
+        for kind in ("rawKeyDown", "keyUp"):
+            values = {"type": kind, "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
+            tab.call("Input.dispatchKeyEvent", values)
+        reached.add(
+            tab.run("(({ id, name, tagName }) => id || name || tagName)(document.activeElement)")
+        )
+
+    wanted = {"subject", "CANVAS", "SELECT", "shading", "metric", "limit", "layout", "light"}
+    assert wanted | {"wires", "overlay", "front"} <= reached
+
+
+def touch(tab: Page, kind: str, *points: tuple[float, float]) -> None:
+    found = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+    tab.call("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": found})
+
+
+def test_fingers_turn_and_zoom_on_a_phone_and_scroll_past_the_view(tab: Page, folder: Path) -> None:
+    tab.call("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    try:
+        opened(tab, folder, "show=hull8 mexecon", size=(390, 844))
+        box = tab.run(
+            "(({ x, y }) => [x, y])(document.querySelector('canvas').getBoundingClientRect())"
+        )
+        x, y = box[0] + 100, box[1] + 150
+        edge = "panels[0].width * 0.1", "panels[0].height / 2"
+        assert tab.run("HarnessPage.viewer.state.view") == 0
+        before = pixel(tab, *edge)
+
+        touch(tab, "Start", (x, y))
+        for step in range(1, 9):
+            touch(tab, "Move", (x + 12 * step, y))
+        touch(tab, "End")
+        assert tab.run("HarnessPage.viewer.state.view") is None
+        assert pixel(tab, *edge) != before
+
+        distance = "HarnessPage.viewer.distance()"
+        far = tab.run(distance)
+        touch(tab, "Start", (x - 20, y), (x + 20, y))
+        for step in range(1, 9):
+            touch(tab, "Move", (x - 20 - 5 * step, y), (x + 20 + 5 * step, y))
+        touch(tab, "End")
+        assert tab.run(distance) < 0.9 * far
+        assert tab.run("scrollY") == 0
+
+        tab.run("document.getElementById('front').click()")
+        touch(tab, "Start", (x, y + 200))
+        for step in range(1, 13):
+            touch(tab, "Move", (x, y + 200 - 20 * step))
+        touch(tab, "End")
+        tab.run("new Promise((done) => setTimeout(done, 200))")
+        assert tab.run("scrollY") > 100
+        assert tab.run("HarnessPage.viewer.state.view") == 0
+    finally:
+        tab.call("Emulation.setTouchEmulationEnabled", {"enabled": False})
