@@ -188,3 +188,29 @@ def test_the_commands_hand_in_verify_and_merge(
     done = harness("results", "verify", "board", "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout)[0]["findings"] == [{"subject": "t2", "what": "no record"}]
+
+
+def test_the_command_finds_a_tampered_mesh_a_changed_number_and_a_missing_subject(
+    harness: Callable, handed_in: Entry
+) -> None:
+    path = handed_in.mesh_path("t1")
+    mesh = load_mesh(path)
+    save_mesh(path, replace(mesh, vertices=mesh.vertices * 1.01))
+    files = json.loads(handed_in.record_path("t1").read_text())["files"]
+    change(handed_in.record_path("t1"), files={**files, "mesh.ply": file_sha256(path)})
+    metrics = json.loads(handed_in.record_path("t2").read_text())["metrics"]
+    metrics["chamfer"]["value"] -= 0.5
+    change(handed_in.record_path("t2"), metrics=metrics)
+    handed_in.record_path("t3").unlink()
+
+    done = harness("results", "verify", "in", "--json")
+    assert done.returncode == 1
+    findings = json.loads(done.stdout)[0]["findings"]
+    assert {finding["subject"] for finding in findings} == {"t1", "t2", "t3"}
+    told = {
+        subject: [f["what"] for f in findings if f["subject"] == subject]
+        for subject in ("t1", "t2", "t3")
+    }
+    assert any(what.startswith("p2s_accuracy is 0.0000 mm") for what in told["t1"])
+    assert [what.split(" is ")[0] for what in told["t2"]] == ["chamfer"]
+    assert told["t3"] == ["no record"]
