@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 
 from harness.core.errors import HarnessError, MissingPart
 from harness.data.manifest import Manifest
+from harness.pipeline.executors.locks import host_local_locks, mount_of
 from harness.pipeline.inputs.inventory import check_tree
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import catalogued_methods
@@ -86,6 +87,7 @@ def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
     if sys.platform == "linux":
         yield _system_libraries(tuple(_DEBIAN_PACKAGES))
     yield _disk(workspace)
+    yield _locks(workspace)
     yield from (_module(*entry) for entry in _MODULES)
     yield from _devices()
     yield _open_network()
@@ -123,6 +125,20 @@ def _disk(workspace: Workspace) -> Finding:
         "system", "disk", free_gib > _LOW_DISK_GIB and os.access(place, os.W_OK), True,
         f"{free_gib:.0f} GiB free in {workspace.root}",
         "Free some space, or name another folder with --workspace",
+    )  # fmt: skip
+
+
+def _locks(workspace: Workspace) -> Finding:
+    """Whether locks in the workspace reach other machines that see it; one machine needs none."""
+    mount = mount_of(workspace.root)
+    if mount is None:
+        return Finding("system", "locks", True, False, "the system does not list its mounts")
+    wrong = host_local_locks(mount)
+    return Finding(
+        "system", "locks", not wrong, False,
+        wrong or f"{mount.kind} on {mount.place} has none of the options that cut them off",
+        "Several machines may do the same work twice: mount it with locks, and try "
+        "'harness doctor --lock-probe' on two of them at once",
     )  # fmt: skip
 
 

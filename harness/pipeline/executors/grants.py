@@ -50,9 +50,8 @@ class Grant:
 def granted(cpus: int) -> Generator[None]:
     """Let child processes that are started in the block use ``cpus`` cores and no more.
 
-    Cores are set aside for this block among all that do so on this machine, as long as there are
-    enough, since Blender, Open3D and our own threads use every core that they see. Numeric
-    libraries are kept to as many threads in any case.
+    Blender, Open3D and our own threads use every core that they see, so that these processes are
+    bound to cores, which no other block on this machine has as long as there are enough.
     """
     allowed = os.sched_getaffinity(0)
     before = {name: os.environ.get(name) for name in _THREADS}
@@ -60,7 +59,7 @@ def granted(cpus: int) -> Generator[None]:
     try:
         with contextlib.ExitStack() as held:
             own = _own_cores(cpus, sorted(allowed), held) if cpus < len(allowed) else allowed
-            os.sched_setaffinity(0, own or allowed)
+            os.sched_setaffinity(0, own)
             yield
     finally:
         os.sched_setaffinity(0, allowed)
@@ -72,7 +71,7 @@ def granted(cpus: int) -> Generator[None]:
 
 
 def _own_cores(cpus: int, allowed: list[int], held: contextlib.ExitStack) -> set[int]:
-    """Cores that no other block on this machine has; empty where fewer than ``cpus`` are free.
+    """Cores that no other block on this machine has, or any where fewer than ``cpus`` are free.
 
     The locks lie on this machine's own disk, and the kernel releases those of a process that dies.
     """
@@ -90,4 +89,6 @@ def _own_cores(cpus: int, allowed: list[int], held: contextlib.ExitStack) -> set
             if len(found) == cpus:
                 held.push(candidates.pop_all())
                 return found
-    return set()
+    # More is granted on this machine than it has: several tasks share a core then.
+    first = os.getpid() % len(allowed)
+    return set((allowed[first:] + allowed[:first])[:cpus])

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError
+from harness.core.privileges import Privilege
 from harness.core.process.differences import listed_differences
+from harness.core.process.source_digest import SourceDigest
 from harness.core.protocols import MethodInfo
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.pipeline.executors.task import Executor
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.run.record_inputs import Inputs, evaluated
+from harness.pipeline.run.record_inputs import Inputs, evaluated, method_code
 from harness.pipeline.run.store import CellFolder, RunStore
 
-__all__ = ["Cell", "EvalRequest", "SubjectFiles", "plan"]
+__all__ = ["Cell", "EvalRequest", "ReadCode", "SubjectFiles", "plan"]
+
+#: ``read(module, privileges)``, as ``method_code``.
+ReadCode = Callable[[str, tuple[Privilege, ...]], SourceDigest]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,14 +115,20 @@ class EvalRequest:
     share: bool = True
     executor: Executor | None = None
 
-    def cell(self, method: ChosenMethod, files: SubjectFiles) -> Cell:
+    def cell(self, method: ChosenMethod, files: SubjectFiles, read: ReadCode = method_code) -> Cell:
         """The cell of a method on a subject whose photos and scan are there.
+
+        Args:
+            method: The method.
+            files: Its photos and scan.
+            read: Gives the code of a module; ``method_code`` reads it from disk each time.
 
         Raises:
             HarnessError: a part of the method is gone, or its source code is missing.
         """
         info, subject = method.info, files.capture.subject
-        inputs = evaluated(info, method.module, files.capture, files.scan, self.protocol, self.seed)
+        code = read(method.module, info.privileges)
+        inputs = evaluated(info, code, files.capture, files.scan, self.protocol, self.seed)
         folder = self.store.cell(method.row, subject)
         record: Record | None = None
         try:
@@ -151,17 +164,20 @@ def plan(request: EvalRequest) -> list[Cell]:
     Raises:
         HarnessError: as ``EvalRequest.cell``.
     """
-    return [cell for subject in request.source.subjects for cell in _cells(request, subject)]
+    # Once for all subjects. A cell that has to run is planned again before it does, and its worker
+    # reads the code once more.
+    read = functools.cache(method_code)
+    return [cell for subject in request.source.subjects for cell in _cells(request, subject, read)]
 
 
-def _cells(request: EvalRequest, subject: str) -> list[Cell]:
+def _cells(request: EvalRequest, subject: str, read: ReadCode) -> list[Cell]:
     source = request.source
     try:
         state, why = source.capture_state(subject)
         if state == "cached":
             capture = Capture.load(source.capture_directory(subject))
             files = SubjectFiles(capture, source.scan_of(subject))
-            return [request.cell(method, files) for method in request.methods]
+            return [request.cell(method, files, read) for method in request.methods]
         waits_for = f"photos {state}: {why}"
     except DataError as error:
         waits_for = str(error)

@@ -89,7 +89,7 @@ class Inputs:
 
 def evaluated(
     method: MethodInfo,
-    module: str,
+    code: SourceDigest,
     capture: Capture,
     scan: Scan | None,
     protocol: MetricProtocol,
@@ -99,16 +99,13 @@ def evaluated(
 
     Args:
         method: With the settings that it runs with.
-        module: In which the catalogue has it.
+        code: That of the method, as ``method_code`` has read it.
         capture: The photos as they lie on disk.
         scan: The subject's scan as it lies on disk; None where there is none.
         protocol: How results are scored.
         seed: Root seed of the run.
-
-    Raises:
-        HarnessError: the method's source code is missing.
     """
-    code = method_code(module, method.privileges) | _reader(scan)
+    code |= _reader(scan)
     return Inputs(
         method=method.identity(),
         code=code.modules,

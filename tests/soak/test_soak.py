@@ -1,0 +1,95 @@
+"""The short form of the soak: two drivers, two nodes, lost nodes and workers, equal records."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def soaking() -> ModuleType:
+    """The script."""
+    spec = importlib.util.spec_from_file_location("soak_script", HERE / "soak.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules["soak_script"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_records_are_those_of_a_quiet_run_whatever_is_lost(
+    soaking: ModuleType, tmp_path: Path
+) -> None:
+    pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt ray")
+    plan = soaking.Plan(cells=24, drivers=2, removal_s=4.0, kill_s=2.0, limit_s=400.0)
+
+    report = soaking.soak(plan, tmp_path / "soak")
+
+    assert report.is_good, report
+    assert report.records == 24
+    # The machines that are left have done something, as both drivers tell.
+    assert all(report.machines), report
+    lines = [line for told in report.machines for line in told]
+    assert sum(int(line.split(": ")[1].split()[0]) for line in lines) >= 24
+
+
+def test_the_comparison_bites(soaking: ModuleType, tmp_path: Path) -> None:
+    def put(run: str, subject: str, chamfer: float, wall_s: float) -> Path:
+        cell = tmp_path / run / "m" / subject
+        (cell / "results-1").mkdir(parents=True)
+        record = {
+            "created_utc": f"{wall_s}",
+            "details": {"machine": {"host": run}},
+            "stages": [{"wall_s": wall_s, "peak_rss_mib": 1.0, "peak_gpu_mib": None}],
+            "metrics": {"chamfer": chamfer},
+        }
+        (cell / "record.json").write_text(json.dumps(record))
+        return cell
+
+    for subject, chamfer in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+        put("quiet", subject, chamfer, 0.1)
+    put("soak", "a", 1.0, 0.7)
+    (put("soak", "b", 2.5, 0.7) / ".attempt-1").mkdir()
+    report = soaking.Report(3)
+
+    soaking._compare(tmp_path, report)
+
+    assert report.records == 2
+    assert report.unequal == ["m/b", "m/c"]
+    assert report.left_over == ["soak/m/b/.attempt-1"]
+    assert not report.is_good
+
+
+def test_slurm_array_jobs_give_the_records_of_this_machine(
+    soaking: ModuleType, tmp_path: Path
+) -> None:
+    pytest.importorskip("submitit", reason="submitit is not installed: pip install submitit")
+    place = soaking.Place.make(tmp_path / "place", 4)
+    runs, told = place.world / "runs", ""
+    for run, more in (
+        ("slurm", ("--executor", "slurm", "--slurm", "cluster=local")),
+        ("quiet", ()),
+    ):
+        done = subprocess.run(
+            place.command(run, *more), cwd=place.world, env=place.environment,
+            capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert "4 ok (0 cached)" in done.stdout
+        told = done.stdout if run == "slurm" else told
+
+    assert len(soaking.timeless(runs / "slurm")) == 4
+    assert soaking.timeless(runs / "slurm") == soaking.timeless(runs / "quiet")
+    assert ": 4 reconstructions, photos of 2 subjects" in told
+    # Jobs, answers and logs are gone with the run.
+    assert list((runs / ".slurm").iterdir()) == []
