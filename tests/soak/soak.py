@@ -235,9 +235,9 @@ class Nodes:
         busy: list[psutil.Process] = []
         for process in psutil.Process().children(recursive=True):
             with contextlib.suppress(psutil.Error):
-                if process.name().startswith("ray::_on_ray") or "ray::_on_ray" in " ".join(
-                    process.cmdline()
-                ):
+                # Ray shows the task's name there.
+                title = " ".join(process.cmdline())
+                if title.startswith("ray::") and " on t" in title:
                     busy.append(process)
         with contextlib.suppress(psutil.Error):
             if busy:
