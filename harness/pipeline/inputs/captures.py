@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
@@ -11,12 +13,23 @@ from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
 from harness.data.avatars import avatar_sheet
 from harness.geometry.images import save_png
+from harness.pipeline.executors.local import Local
+from harness.pipeline.executors.task import Answer, Executor, Task
 from harness.pipeline.inputs.capture_worker import CaptureJob
 from harness.pipeline.inputs.sealed import Look, admit, announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, Silent, counted
 
-__all__ = ["PHOTOS", "CaptureOutcome", "make_avatars", "photograph", "render_all", "show_avatar"]
+__all__ = [
+    "PHOTOS",
+    "CaptureOutcome",
+    "make_avatars",
+    "photograph",
+    "photos_of",
+    "render_all",
+    "require_avatars",
+    "show_avatar",
+]
 
 #: Name of the progress bar that counts views.
 PHOTOS = "photos"
@@ -76,7 +89,11 @@ def photograph(
 
 
 def render_all(
-    source: Source, jobs: int, progress: Progress, timeout_s: float | None = None
+    source: Source,
+    jobs: int,
+    progress: Progress,
+    timeout_s: float | None = None,
+    executor: Executor | None = None,
 ) -> list[CaptureOutcome]:
     """The photos of all subjects of a source; one that fails does not stop the others.
 
@@ -85,23 +102,108 @@ def render_all(
         jobs: Subjects processed in parallel.
         progress: Notified of every view.
         timeout_s: How long one subject may take; None is no limit.
+        executor: Where they are rendered; None is this machine.
     """
     source.root()
+    require_avatars(source, executor)
     announce(source.manifest, source.name, progress)
     states = {subject: _state(source, subject) for subject in source.subjects}
-    waiting = sum(state != "cached" for state in states.values())
-    progress.expect(PHOTOS, waiting * source.views_to_render)
-
-    def one(subject: str) -> CaptureOutcome:
-        state = "cached" if states[subject] == "cached" else "made now"
+    waiting = [subject for subject, state in states.items() if state != "cached"]
+    progress.expect(PHOTOS, len(waiting) * source.views_to_render)
+    work = _Work("photos_of", source, waiting, {"timeout_s": timeout_s})
+    # Where it is not this machine, nothing is heard of a task's views.
+    views = 0 if executor is None else source.views_to_render
+    failures = work.carried_out(
+        executor or Local(jobs), progress, lambda: progress.done(PHOTOS, views)
+    )
+    outcomes: list[CaptureOutcome] = []
+    for subject, state in states.items():
         try:
-            capture = photograph(source, subject, progress, timeout_s)
+            if failure := failures.get(subject):
+                raise HarnessError(failure)
+            capture = Capture.load(source.capture_directory(subject))
         except HarnessError as error:
-            return CaptureOutcome(subject, "failed", "", failure=str(error))
-        proof = capture.provenance.get("proof")
-        return CaptureOutcome(subject, state, str(capture.directory), proof, capture.warnings)
+            outcomes.append(CaptureOutcome(subject, "failed", "", failure=str(error)))
+            continue
+        done = "cached" if state == "cached" else "made now"
+        proof, place = capture.provenance.get("proof"), str(capture.directory)
+        outcomes.append(CaptureOutcome(subject, done, place, proof, capture.warnings))
+    return outcomes
 
-    return in_threads(one, source.subjects, jobs)
+
+def require_avatars(source: Source, executor: Executor | None) -> None:
+    """Nothing, if generated subjects that other machines are to photograph are there.
+
+    How an avatar's mesh is decimated may depend on the number of threads, and tasks elsewhere have
+    few. Avatars are therefore made where they always are.
+
+    Raises:
+        HarnessError: some are not.
+    """
+    if executor is None or not source.is_generated:
+        return
+    waiting = [subject for subject in source.subjects if not source.avatar_is_current(subject)]
+    if waiting:
+        raise HarnessError(
+            f"{len(waiting)} of {len(source.subjects)} subjects of '{source.name}' are not made",
+            got=", ".join(waiting[:5]),
+            hint=f"Make them on this machine first: harness data make {source.name}",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """The same for several subjects of a source.
+
+    Attributes:
+        handler: A function of this module.
+        source: The subjects' dataset and recipe.
+        subjects: Ids.
+        more: More values for the handler.
+    """
+
+    handler: str
+    source: Source
+    subjects: Sequence[str]
+    more: Mapping[str, object] = field(default_factory=dict[str, object])
+
+    def carried_out(
+        self, executor: Executor, progress: Progress, ended: Callable[[], None]
+    ) -> dict[str, str]:
+        """Why it failed, by subject; empty texts where it did not."""
+        failures: dict[str, str] = {}
+
+        def done(answer: Answer) -> None:
+            failures[answer.task] = answer.lost or str(answer.value["failure"])
+            ended()
+
+        handler = f"{__name__}:{self.handler}"
+        tasks = [
+            Task(
+                subject,
+                handler,
+                {"source": self.source.only(subject).to_dict(), **self.more},
+                subject,
+                renders=True,
+            )
+            for subject in self.subjects
+        ]
+        executor.carry_out(tasks, progress, done)
+        return failures
+
+
+def photos_of(
+    values: Mapping[str, Any], before: Mapping[str, Any] | None, progress: Progress
+) -> dict[str, object]:
+    """A task: a subject's photos are there, or the ``failure`` says why not."""
+    del before
+    source = Source.from_dict(values["source"])
+    try:
+        for subject in source.subjects:
+            photograph(source, subject, progress, values["timeout_s"])
+    except HarnessError as error:
+        return {"failure": str(error)}
+    return {"failure": ""}
 
 
 def _state(source: Source, subject: str) -> str:

@@ -20,7 +20,7 @@ from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.pipeline.executors.local import Local
 from harness.pipeline.executors.machine import machine_facts
-from harness.pipeline.inputs.captures import PHOTOS, photograph
+from harness.pipeline.inputs.captures import PHOTOS, photograph, require_avatars
 from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.progress import Progress
@@ -102,6 +102,7 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     """
     source = request.source
     source.root()
+    require_avatars(source, request.executor)
     methods = tuple(method.row for method in request.methods)
     look = Look(
         "evaluation", source.name, source.subjects, request.reason, methods, source.recipe_name

@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 from harness.cli.display import shown_progress
+from harness.cli.executor_options import (
+    Cell,
+    ExecutorName,
+    ExecutorOption,
+    RayAddress,
+    SlurmOptions,
+    Where,
+)  # fmt: skip
 from harness.cli.options import (
     Dataset,
     Jobs,
@@ -34,6 +42,10 @@ def render(
     recipe: Recipe = "paper8",
     jobs: Jobs = 1,
     timeout: Timeout = 3600.0,
+    executor: ExecutorOption = ExecutorName.LOCAL,
+    ray_address: RayAddress = "",
+    slurm: SlurmOptions = None,
+    cell: Cell = None,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
     as_json: Json = False,
@@ -45,6 +57,8 @@ def render(
     """
     checked, place = load_manifest(manifest), Workspace.default(workspace)
     source = Source.select(checked, place, dataset, split_names(subjects), recipe)
+    where = Where(executor, cell, ray_address, slurm, timeout)
+    elsewhere = where.executor(place, jobs)
     with shown_progress(quiet=as_json) as progress:
-        outcomes = render_all(source, jobs, progress, limit_s(timeout))
+        outcomes = render_all(source, jobs, progress, limit_s(timeout), elsewhere)
     print_outcomes(outcomes, as_json=as_json)

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,12 @@ from harness.pipeline.executors.on_a_machine import carry_out_here, travelling
 from harness.pipeline.executors.ray_cluster import RAY_VERSION, RayCluster
 from harness.pipeline.executors.slurm import SUBMITIT_VERSION, Slurm, carry_out_element
 from harness.pipeline.executors.task import Answer, Task, groups
+from harness.pipeline.inputs.captures import render_all
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress, Silent
 from harness.pipeline.run.chosen_method import chosen_methods
+from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.run.tasks.run_of_tasks import RunOfTasks
@@ -290,6 +293,42 @@ def test_a_request_is_the_same_on_the_other_side(request_of_two: EvalRequest) ->
     assert found.source == request_of_two.source
     assert found.methods[0].info == request_of_two.methods[0].info
     assert (found.seed, found.keep, found.protocol) == (3, True, request_of_two.protocol)
+
+
+class Nowhere:
+    """An executor that has lost everything."""
+
+    def carry_out(self, tasks: Sequence[Task], progress: Progress, done: Any) -> None:
+        for each in tasks:
+            done(Answer(each.name, lost="the cluster is gone"))
+
+
+def test_generated_subjects_are_made_before_others_photograph_them(
+    request_of_two: EvalRequest,
+) -> None:
+    source = request_of_two.source
+    sentence = "2 of 2 subjects of 'avatars' are not made .got a01, a02.*harness data make"
+    with pytest.raises(HarnessError, match=sentence):
+        evaluate(replace(request_of_two, executor=Nowhere()), Silent())
+    with pytest.raises(HarnessError, match=sentence):
+        render_all(source, 1, Silent(), executor=Nowhere())
+    assert not request_of_two.store.directory.exists()
+
+
+def test_what_a_cluster_lost_is_a_record_with_the_reason(
+    request_of_two: EvalRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Source, "avatar_is_current", lambda own, subject: True)
+    told = Told()
+
+    summary = evaluate(replace(request_of_two, executor=Nowhere()), told)
+
+    assert summary.counts == {"failed": 2}
+    assert {record.reason for record in summary.records} == {"the cluster is gone"}
+    assert {record.status for record in request_of_two.store.records()} == {"failed"}
+    assert len(told.lines) == 2
+    photos = render_all(request_of_two.source, 1, Silent(), executor=Nowhere())
+    assert [each.failure for each in photos] == ["the cluster is gone"] * 2
 
 
 def test_an_error_is_the_same_on_the_other_side() -> None:
