@@ -195,15 +195,20 @@ class Nodes:
             "health_check_failure_threshold": 3,
         }
         store = 80 * _MIB
-        self._cluster = Cluster(
-            initialize_head=True,
-            head_node_args={
-                "num_cpus": 0,
-                "object_store_memory": store,
-                "_system_config": health,
-                "include_dashboard": False,
-            },
-        )
+        head = {
+            "num_cpus": 0,
+            "object_store_memory": store,
+            "_system_config": health,
+            "include_dashboard": False,
+        }
+        self._cluster: Any = None
+        for _ in range(_STARTS):
+            # Ray gives a node half a minute, which is little on a machine with other work.
+            with contextlib.suppress(Exception):
+                self._cluster = Cluster(initialize_head=True, head_node_args=head)
+                break
+        else:
+            raise TimeoutError(f"no Ray head started on this machine in {_STARTS} attempts")
         self._store = store
         self._nodes: list[Any] = []
         for _ in range(count):
@@ -217,7 +222,6 @@ class Nodes:
     def add(self) -> None:
         """One node more."""
         for _ in range(_STARTS):
-            # Ray gives a node half a minute, which is little on a machine with other work.
             with contextlib.suppress(Exception):
                 node = self._cluster.add_node(num_cpus=1, object_store_memory=self._store)
                 self._nodes.append(node)

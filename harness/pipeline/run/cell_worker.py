@@ -29,7 +29,7 @@ from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
 from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
-from harness.pipeline.run.record_inputs import Inputs, evaluated, method_code
+from harness.pipeline.run.record_inputs import Inputs, evaluated
 from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, save_body, save_normals
 from harness.pipeline.work.cost import StageMeter
 from harness.pipeline.work.shared_results import SharedResults
@@ -93,9 +93,7 @@ class _Task:
 
     def _inputs(self, capture: Capture, scan: Scan | None) -> Inputs:
         method, job = self.job.method, self.job
-        info = method.info
-        code = method_code(method.module, info.privileges)
-        return evaluated(info, code, capture, scan, job.protocol, job.seed)
+        return evaluated(method.info, method.module, capture, scan, job.protocol, job.seed)
 
     def carried_out(self) -> CellResult:
         """The method's result, written, and scored where there is a scan.

@@ -18,7 +18,7 @@ from harness.core.settings import MetricProtocol
 from harness.pipeline.executors.task import Executor
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.run.record_inputs import Inputs, evaluated, method_code
+from harness.pipeline.run.record_inputs import Inputs, made_from, method_code
 from harness.pipeline.run.store import CellFolder, RunStore
 
 __all__ = ["Cell", "EvalRequest", "ReadCode", "SubjectFiles", "plan"]
@@ -128,7 +128,7 @@ class EvalRequest:
         """
         info, subject = method.info, files.capture.subject
         code = read(method.module, info.privileges)
-        inputs = evaluated(info, code, files.capture, files.scan, self.protocol, self.seed)
+        inputs = made_from(info, code, files.capture, files.scan, self.protocol, self.seed)
         folder = self.store.cell(method.row, subject)
         record: Record | None = None
         try:

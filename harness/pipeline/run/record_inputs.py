@@ -25,6 +25,7 @@ from harness.core.settings import MetricProtocol
 __all__ = [
     "Inputs",
     "evaluated",
+    "made_from",
     "method_code",
     "scored_elsewhere",
 ]
@@ -89,13 +90,38 @@ class Inputs:
 
 def evaluated(
     method: MethodInfo,
-    code: SourceDigest,
+    module: str,
     capture: Capture,
     scan: Scan | None,
     protocol: MetricProtocol,
     seed: int,
 ) -> Inputs:
     """What a method's record on a subject is made from now.
+
+    Args:
+        method: With the settings that it runs with.
+        module: In which the catalogue has it.
+        capture: The photos as they lie on disk.
+        scan: The subject's scan as it lies on disk; None where there is none.
+        protocol: How results are scored.
+        seed: Root seed of the run.
+
+    Raises:
+        HarnessError: the method's source code is missing.
+    """
+    code = method_code(module, method.privileges)
+    return made_from(method, code, capture, scan, protocol, seed)
+
+
+def made_from(
+    method: MethodInfo,
+    code: SourceDigest,
+    capture: Capture,
+    scan: Scan | None,
+    protocol: MetricProtocol,
+    seed: int,
+) -> Inputs:
+    """What a method's record on a subject is made from, with code that has been read before.
 
     Args:
         method: With the settings that it runs with.
