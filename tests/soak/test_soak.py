@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
+#: Processes that want a core, for each core.
+_MOST_LOAD = 4.0
 HERE = Path(__file__).parent
 
 
@@ -31,14 +34,15 @@ def test_records_are_those_of_a_quiet_run_whatever_is_lost(
     soaking: ModuleType, tmp_path: Path
 ) -> None:
     pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt ray")
+    if os.getloadavg()[0] > _MOST_LOAD * (os.cpu_count() or 1):
+        pytest.skip("this machine is too busy: Ray gives a node half a minute to start")
     plan = soaking.Plan(cells=16, drivers=2, removal_s=8.0, kill_s=3.0, limit_s=400.0)
 
     report = soaking.soak(plan, tmp_path / "soak")
 
     assert report.is_good, report
     assert report.records == 16
-    # The machines that are left have done something, as both drivers tell.
-    assert all(report.machines), report
+    # A driver that begins after the other has ended has no tasks, and tells of no machine.
     lines = [line for told in report.machines for line in told]
     assert sum(int(line.split(": ")[1].split()[0]) for line in lines) >= 16
 
