@@ -14,8 +14,6 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-#: Processes that want a core, for each core.
-_MOST_LOAD = 4.0
 HERE = Path(__file__).parent
 
 
@@ -34,8 +32,8 @@ def test_records_are_those_of_a_quiet_run_whatever_is_lost(
     soaking: ModuleType, tmp_path: Path
 ) -> None:
     pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt ray")
-    if os.getloadavg()[0] > _MOST_LOAD * (os.cpu_count() or 1):
-        pytest.skip("this machine is too busy: Ray gives a node half a minute to start")
+    if not os.environ.get("HARNESS_SOAK"):
+        pytest.skip("it takes some minutes, most of them for Ray's nodes to start: HARNESS_SOAK=1")
     plan = soaking.Plan(cells=16, drivers=2, removal_s=8.0, kill_s=3.0, limit_s=400.0)
 
     report = soaking.soak(plan, tmp_path / "soak")

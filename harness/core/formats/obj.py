@@ -140,7 +140,11 @@ def _parsed_decimals(lines: Bytes, words: _Words) -> NDArray[np.float64] | None:
     """
     text = lines.tobytes()
     points = np.flatnonzero(lines == _POINT)
-    if len(points) != len(words.starts) or text.translate(None, b"0123456789.- \t\n"):
+    if (
+        len(points) == 0
+        or len(points) != len(words.starts)
+        or text.translate(None, b"0123456789.- \t\n")
+    ):
         return None
     has_sign = lines[words.starts] == _MINUS
     digits = words.ends - words.starts - has_sign - 1

@@ -144,7 +144,10 @@ class RunStore:
 
     def begin(self) -> None:
         """Make the run's folder if it does not exist; the run becomes the latest."""
-        write_json(self.directory / _RUN_FILE, {"schema": 1, "name": self.directory.name})
+        path = self.directory / _RUN_FILE
+        with exclusive_lock(self.directory / ".run.lock"):
+            remove_leftovers(path)
+            write_json(path, {"schema": 1, "name": self.directory.name})
 
     @classmethod
     def existing(cls, workspace: Workspace, name: str | None) -> RunStore:

@@ -211,6 +211,7 @@ def test_a_texture_index_out_of_range(tmp_path: Path) -> None:
         (V + "f 1 1 2\n", "no measurable surface"),
         (V + "f 1 2 3\nf 1 3", "a face that cannot be read"),
         ("v 0 0 0\nv 1 0", "'v' line that is not numbers"),
+        ("v ", "'v' line that is not numbers"),
     ],
 )
 def test_each_defect_has_its_own_error(tmp_path: Path, text: str, message: str) -> None:

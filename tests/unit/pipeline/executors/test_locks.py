@@ -15,16 +15,16 @@ from harness.pipeline.executors.locks import LockProbe, Mount, host_local_locks,
 
 MOUNTS = """\
 /dev/vda / ext4 rw,relatime 0 0
-server:/home /home nfs4 rw,vers=4.2,local_lock=none 0 0
-server:/data /home/shared\\040data nfs rw,vers=3,local_lock=flock 0 0
-tmpfs /home/a/tmp tmpfs rw 0 0
+server:/nodes /nodes nfs4 rw,vers=4.2,local_lock=none 0 0
+server:data /nodes/shared\\040data nfs rw,vers=3,local_lock=flock 0 0
+tmpfs /nodes/a/fast tmpfs rw 0 0
 """
 
 
 @pytest.mark.parametrize(
     ("folder", "kind"),
-    [("/work", "ext4"), ("/home/a/runs", "nfs4"), ("/home/shared data/ws", "nfs"),
-     ("/home/a/tmp/x", "tmpfs"), ("/homes", "ext4")],
+    [("/data", "ext4"), ("/nodes/a/runs", "nfs4"), ("/nodes/shared data/ws", "nfs"),
+     ("/nodes/a/fast/x", "tmpfs"), ("/nodesx", "ext4")],
 )  # fmt: skip
 def test_a_folder_is_on_the_mount_nearest_to_it(tmp_path: Path, folder: str, kind: str) -> None:
     (tmp_path / "mounts").write_text(MOUNTS)

@@ -65,6 +65,13 @@ def test_coarse_surfaces_turn_where_software_draws(tab: Page, coarse: Path) -> N
     assert tab.run("HarnessPage.viewer.drawn()") == {"hull8": 32, "vggt": 72}
 
 
+SETTLED = """(async () => {
+  const drawn = () => HarnessPage.viewer.drawn();
+  for (let k = 0; k < 200 && drawn().hull8 !== 32; k++) await new Promise(r => setTimeout(r, 50));
+  return drawn();
+})()"""
+
+
 def test_a_coarse_surface_stays_where_the_full_one_is_missing(
     tab: Page, coarse: Path, tmp_path: Path
 ) -> None:
@@ -73,7 +80,8 @@ def test_a_coarse_surface_stays_where_the_full_one_is_missing(
     (copy / "surfaces" / "vggt" / "a01.js").unlink()
     opened(tab, copy, "show=hull8 vggt")
 
-    assert tab.run("HarnessPage.viewer.drawn()") == {"hull8": 32, "vggt": 2}
+    # The page is ready when one of them has failed; the other's full surface may still be decoded.
+    assert tab.run(SETTLED) == {"hull8": 32, "vggt": 2}
     assert "surfaces/vggt/a01.js is not there" in tab.run(
         "document.querySelector('.stage .notice').textContent"
     )
