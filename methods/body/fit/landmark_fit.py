@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from methods.body.fit.evidence import Evidence
 from methods.body.fit.prior import ParameterPrior
 from methods.body.fit.rotations import (
@@ -77,22 +78,15 @@ def average(parameters: Parameters) -> dict[str, Tensor]:
     The orientations are in the world frame already, which the known cameras made common.
     """
     import roma
-    import torch
 
     turns = roma.special_gramschmidt(parameters["orientation"]).double().numpy()
     pose = parameters["pose"].double().numpy()
     vectors = [mean_rotation_vector(pose[:, joint]) for joint in range(pose.shape[1])]
-    return {
-        "orientation": torch.tensor(mean_rotation(turns), dtype=torch.float32)[None, :, :2],
-        "translation": parameters["translation"].mean(0, keepdim=True),
-        "pose": torch.tensor(np.array(vectors), dtype=torch.float32)[None],
-        "shape": parameters["shape"].mean(0, keepdim=True),
-    }
+    return _one_body(parameters, mean_rotation(turns), np.array(vectors))
 
 
 def average_of_columns(parameters: Parameters) -> dict[str, Tensor]:
     """As ``average``, with rotations averaged by their columns, as MExECON averages PIXIE's."""
-    import torch
     from scipy.spatial.transform import Rotation
 
     six = parameters["orientation"].mean(0).double().numpy()
@@ -102,8 +96,15 @@ def average_of_columns(parameters: Parameters) -> dict[str, Tensor]:
         for joint in range(vectors.shape[1])
     ]
     pose = Rotation.from_matrix(np.array(turns)).as_rotvec()
+    return _one_body(parameters, mean_of_columns(six[None]), pose)
+
+
+def _one_body(parameters: Parameters, orientation: Floats, pose: Floats) -> dict[str, Tensor]:
+    """The mean of N bodies whose rotations have been averaged: (3, 3), and vectors (J, 3)."""
+    import torch
+
     return {
-        "orientation": torch.tensor(mean_of_columns(six[None]), dtype=torch.float32)[None, :, :2],
+        "orientation": torch.tensor(orientation, dtype=torch.float32)[None, :, :2],
         "translation": parameters["translation"].mean(0, keepdim=True),
         "pose": torch.tensor(pose, dtype=torch.float32)[None],
         "shape": parameters["shape"].mean(0, keepdim=True),

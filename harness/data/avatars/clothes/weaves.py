@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-__all__ = ["WEAVES", "Weave", "Worn"]
+from harness.data.avatars.clothes.wardrobe import Fabric
+
+__all__ = ["WEAVES", "Weave", "Worn", "woven"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ _KINDS = (
 
 WEAVES: Mapping[str, Weave] = MappingProxyType({weave.name: weave for weave in _KINDS})
 """Every kind of cloth by its name."""
+
+
+def woven(fabric: Fabric, weave: str) -> Fabric:
+    """The fabric, as stiff as the weave of that name."""
+    return replace(fabric, stiffness=WEAVES[weave].stiffness)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from harness.data.avatars.clothes.looks import (
     Palette,
     one_of,
 )
-from harness.data.avatars.clothes.wardrobe import Bottom, Fabric, Top
-from harness.data.avatars.clothes.weaves import WEAVES, Worn
+from harness.data.avatars.clothes.wardrobe import Bottom, Top
+from harness.data.avatars.clothes.weaves import Worn, woven
 from harness.data.avatars.people.poses import Pose
 from harness.data.avatars.subjects.populations import draw_subject, written_and_sealed_poses
 from harness.data.avatars.subjects.written import Subject
@@ -65,10 +65,6 @@ def _weave(draw: np.random.Generator, garment: Top | Bottom) -> str:
     return pattern if pattern in suitable else drawn
 
 
-def _of_weave(fabric: Fabric, weave: str) -> Fabric:
-    return replace(fabric, stiffness=WEAVES[weave].stiffness)
-
-
 def _creased(subject: Subject, seed: int) -> Subject:
     """The subject in clothes of drawn weaves."""
     draw = np.random.default_rng(derive_seed(seed, "weaves"))
@@ -78,10 +74,10 @@ def _creased(subject: Subject, seed: int) -> Subject:
     strength = round(float(draw.uniform(*_STRENGTH)), 3)
     return replace(
         subject,
-        top=replace(top, fabric=_of_weave(top.fabric, above)),
+        top=replace(top, fabric=woven(top.fabric, above)),
         bottom=None
         if bottom is None or below is None
-        else replace(bottom, fabric=_of_weave(bottom.fabric, below)),
+        else replace(bottom, fabric=woven(bottom.fabric, below)),
         worn=Worn(above, below, strength, _REVISION),
     )
 

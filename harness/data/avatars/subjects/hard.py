@@ -7,6 +7,7 @@ balloon where it does not suit. Clothes crease as those of the second test set d
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from harness.data.avatars.clothes.wardrobe import (
@@ -21,7 +22,7 @@ from harness.data.avatars.clothes.wardrobe import (
     t_shirt,
     wide_trousers,
 )
-from harness.data.avatars.clothes.weaves import WEAVES, Worn
+from harness.data.avatars.clothes.weaves import Worn, woven
 from harness.data.avatars.people.poses import Limb, Pose
 from harness.data.avatars.subjects.written import Person, Subject
 
@@ -61,19 +62,13 @@ _CROUCH = Pose(
 )
 
 
-def _cloth(weave: str, fabric: Fabric) -> Fabric:
-    return Fabric(
-        fabric.colour, fabric.pattern, fabric.second, fabric.scale, WEAVES[weave].stiffness, 0.04
-    )
-
-
 HARD_SUBJECTS: Mapping[str, Subject] = MappingProxyType(
     {
         "h01": Subject(
             Person(0.93, 0.68, 0.24, 0.48, 0.5, (222, 178, 150), Hair("bun", (60, 42, 32))),
             "hands up",
-            t_shirt(_cloth("jersey", Fabric((60, 110, 160), "stripes", (230, 226, 214)))),
-            shorts(_cloth("twill", Fabric((150, 136, 104)))),
+            t_shirt(woven(Fabric((60, 110, 160), "stripes", (230, 226, 214)), "jersey")),
+            shorts(woven(Fabric((150, 136, 104)), "twill")),
             None,
             drawn_pose=_HANDS_UP,
             worn=Worn("jersey", "twill", 1.0, _REVISION),
@@ -81,8 +76,8 @@ HARD_SUBJECTS: Mapping[str, Subject] = MappingProxyType(
         "h02": Subject(
             Person(0.06, 0.70, 0.33, 0.56, 0.6, (150, 104, 74), Hair("short", (34, 28, 26))),
             "striding",
-            hooded_sweater(_cloth("knit", Fabric((88, 92, 104))), collar="hood up"),
-            straight_trousers(_cloth("denim", Fabric((58, 76, 112), "denim", (122, 140, 170)))),
+            replace(hooded_sweater(woven(Fabric((88, 92, 104)), "knit")), collar="hood up"),
+            straight_trousers(woven(Fabric((58, 76, 112), "denim", (122, 140, 170)), "denim")),
             None,
             drawn_pose=_STRIDE,
             worn=Worn("knit", "denim", 1.0, _REVISION),
@@ -90,7 +85,7 @@ HARD_SUBJECTS: Mapping[str, Subject] = MappingProxyType(
         "h03": Subject(
             Person(0.97, 0.66, 0.34, 0.44, 0.45, (236, 198, 172), Hair("long", (176, 136, 84))),
             "arms spread",
-            dress(_cloth("poplin", Fabric((150, 60, 72), "leaves", (234, 214, 190)))),
+            dress(woven(Fabric((150, 60, 72), "leaves", (234, 214, 190)), "poplin")),
             None,
             None,
             drawn_pose=_WIDE_ARMS,
@@ -99,8 +94,8 @@ HARD_SUBJECTS: Mapping[str, Subject] = MappingProxyType(
         "h04": Subject(
             Person(0.12, 0.72, 0.40, 0.40, 0.7, (104, 72, 54), Hair("curly", (32, 28, 26))),
             "crouching",
-            t_shirt(_cloth("crumpled cotton", Fabric((226, 222, 210))), chest=1.22, hem=0.11),
-            shorts(_cloth("denim", Fabric((70, 92, 128), "denim", (140, 158, 186)))),
+            t_shirt(woven(Fabric((226, 222, 210)), "crumpled cotton"), chest=1.22, hem=0.11),
+            shorts(woven(Fabric((70, 92, 128), "denim", (140, 158, 186)), "denim")),
             None,
             drawn_pose=_CROUCH,
             worn=Worn("crumpled cotton", "denim", 1.0, _REVISION),
@@ -108,8 +103,8 @@ HARD_SUBJECTS: Mapping[str, Subject] = MappingProxyType(
         "h05": Subject(
             Person(0.90, 0.70, 0.26, 0.62, 0.45, (198, 150, 116), Hair("long", (46, 34, 28))),
             "hands up",
-            loose_shirt(_cloth("poplin", Fabric((210, 170, 96), "checks", (120, 70, 50)))),
-            wide_trousers(_cloth("twill", Fabric((60, 66, 62)))),
+            loose_shirt(woven(Fabric((210, 170, 96), "checks", (120, 70, 50)), "poplin")),
+            wide_trousers(woven(Fabric((60, 66, 62)), "twill")),
             Shoes((70, 66, 64), (40, 38, 38)),
             drawn_pose=_SURRENDER,
             worn=Worn("poplin", "twill", 1.0, _REVISION),
