@@ -3,7 +3,9 @@
 The file has the inputs ``image`` (1, 3, H, W), sRGB in [-1, 1] and 0 outside the mask, and
 ``body_front``, ``body_back`` (1, 3, H, W), unit normals in the map frame; if it wants, ``mask``
 (1, 1, H, W), 1 on the subject and 0 elsewhere; and the outputs ``front`` and ``back``
-(1, 3, H, W) in the same frame, of any length. H and W are multiples of 32. Its metadata says:
+(1, 3, H, W) in the same frame, of any length. H and W are multiples of 32. It may also have
+``front_error`` and ``back_error`` (1, 1, H, W), by how many radians it expects to be off. Its
+metadata says:
 
 * ``name`` and ``licence``;
 * optionally ``training_set``: what it was trained on, with its version;
@@ -36,6 +38,7 @@ __all__ = ["OnnxNormals"]
 _INPUTS = ("image", "body_front", "body_back")
 _OPTIONAL_INPUTS = ("mask",)
 _OUTPUTS = ("front", "back")
+_OPTIONAL_OUTPUTS = ("front_error", "back_error")
 #: Three times 32: a network that halves more often than five times fails on it.
 _TRIAL_PX = 96
 
@@ -57,7 +60,7 @@ class OnnxNormals:
         self._inputs = tuple(node.name for node in self._session.get_inputs())
         outputs = [node.name for node in self._session.get_outputs()]
         _require(path, "inputs", set(self._inputs) - set(_OPTIONAL_INPUTS), _INPUTS)
-        _require(path, "outputs", set(outputs), _OUTPUTS)
+        _require(path, "outputs", set(outputs) - set(_OPTIONAL_OUTPUTS), _OUTPUTS)
         about = self._session.get_modelmeta().custom_metadata_map
         if not (about.get("name") and about.get("licence")):
             raise DataError(

@@ -39,6 +39,7 @@ from harness.data.avatars.skin.bake import TEXTURE_SIZE, bake, face_labels, face
 from harness.data.avatars.skin.hair import grow_hair
 from harness.data.avatars.skin.paint import Appearance, painters, skin_masks
 from harness.data.avatars.stored import load_drape
+from harness.data.avatars.subjects.creased_people import CREASED_TRAINING_ID
 from harness.data.avatars.wrinkles.roll import COLLAR, HOOD, rumpled
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
@@ -209,7 +210,9 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
     """
     body = deformed_body(recipe.phenotype, recipe.shape)
     posed = body.posed(joint_rotations(body, recipe.posture))
-    if recipe.worn is not None:
+    # Cameras of training photos stand where the subject asks for it.
+    framed = CREASED_TRAINING_ID.fullmatch(recipe.id) is None
+    if recipe.worn is not None and framed:
         # Before minutes are spent on clothes.
         check_frame(recipe.id, posed.vertices[:SKIN_VERTICES])
     dressed = _dressed(recipe, body, posed)
@@ -234,7 +237,7 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
         "clothing": recipe.clothing,
         "recipe": recipe.as_dict(),
         "drape": dressed.drapes,
-        "measured": check_avatar(recipe.id, vertices, faces, cloth, skin),
+        "measured": check_avatar(recipe.id, vertices, faces, cloth, skin, framed=framed),
         "faces_by_label": {name: int((label == k).sum()) for k, name in enumerate(names)},
         "packages": {
             name: importlib.metadata.version(name)

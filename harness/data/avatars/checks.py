@@ -60,23 +60,37 @@ def _left_frame(name: str, vertices: Floats, cut: int) -> DataError:
 
 
 def check_avatar(
-    name: str, vertices: Floats, faces: Ints, cloth: np.ndarray, skin: Nearness
+    name: str,
+    vertices: Floats,
+    faces: Ints,
+    cloth: np.ndarray,
+    skin: Nearness,
+    *,
+    framed: bool = True,
 ) -> dict[str, object]:
     """What an avatar measures.
 
     cloth (F,) marks garment faces. Distances from their centres to the true body, mm; angle between
     their normals and the body's at the nearest point, degrees, linings left out.
 
+    Args:
+        name: The avatar's.
+        vertices: (V, 3) metres.
+        faces: (F, 3).
+        cloth: (F,) which faces are of garments.
+        skin: The true body.
+        framed: Whether every view of the paper's rig has to show all of it.
+
     Raises:
         DataError: not watertight, not 1.45 to 2.0 m high, or cut by a view of the paper's rig.
     """
     euler = _euler_number(faces)
     height = float(np.ptp(vertices[:, 1]))
-    cut = _outside_frame(vertices)
     if not _HEIGHT_M[0] <= height <= _HEIGHT_M[1]:
         raise DataError(
             f"avatar {name} has a wrong height", expected="1.45 to 2.0 m", got=f"{height:.2f} m"
         )
+    cut = _outside_frame(vertices) if framed else 0
     if cut:
         raise _left_frame(name, vertices, cut)
     corners = vertices[faces[cloth]]

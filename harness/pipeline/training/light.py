@@ -1,7 +1,8 @@
-"""How a training photo is taken: a camera somewhere around the subject, and lamps around it.
+"""In which light a training photo is taken, how surfaces shine in it, and how it is exposed.
 
-The light is even light from everywhere, with contact shadows, and one or two soft lamps that cast
-shadows; colours, strengths, exposure and the sensor's noise vary from photo to photo.
+The light is that of a sky and of a ground, with contact shadows, and up to three lamps that cast
+shadows, from one as wide as a window to one as hard as the sun; colours, strengths, gloss, exposure
+and the sensor's noise vary from photo to photo.
 """
 
 from __future__ import annotations
@@ -12,36 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.cameras.camera import Camera
 from harness.geometry.images import srgb_from_linear
-from harness.geometry.window import Window
 
-__all__ = ["Lamp", "Light", "PhotoSize", "drawn_camera", "drawn_light", "photographed"]
+__all__ = ["Gloss", "Lamp", "Light", "drawn_gloss", "drawn_light", "photographed"]
 
 
-#: Half of the views are near the front and the back, which is what methods estimate.
-_NEAR_AXIS = 0.5
-_YAW_DEG, _PITCH_DEG, _ROLL_DEG = 15.0, 6.0, 2.0
-_DISTANCE_M = (2.2, 5.0)
-#: Share of the square that the subject's longer side fills; methods crop at 0.9.
-_FILLED = (0.82, 0.95)
-#: Pixels of the square before it is brought to its size: whole pixels are then fine enough.
-_FINE_FOCAL_PX = 4000.0
 _LAMP_POINTS = 6
-
-
-@dataclass(frozen=True, slots=True)
-class PhotoSize:
-    """How large a training photo is, and the subject in it.
-
-    Attributes:
-        side_px: Side of the square that the subject fills, as methods crop it.
-        width_px, height_px: Size of the window within the square that is kept.
-    """
-
-    side_px: int
-    width_px: int
-    height_px: int
+_LAMPS = (0, 1, 1, 1, 2, 2, 3)
+_RADIUS_M = (0.03, 0.9)
+#: Deviation of the logarithm of each colour of a lamp or of the sky.
+_TINT = 0.1
+#: A ground gives back some of the sky's light, in its own colour.
+_GROUND = (0.2, 1.0)
+_MATT = 0.6
+_GLOSS, _SHARPNESS = (0.02, 0.18), (4.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,72 +43,62 @@ class Light:
     """All light of one photo, and how it becomes a picture.
 
     Attributes:
-        even: (3,) linear colour of the light from everywhere.
-        lamps: One or two.
+        sky: (3,) linear colour of the light from above; half of the light on upright surfaces.
+        ground: (3,) the same of the light from below.
+        lamps: At most three.
         exposure: Factor on all light.
         contrast: Exponent on the colours of the picture.
         noise: Standard deviation of the sensor's noise, as sRGB in [0, 1].
     """
 
-    even: Floats
+    sky: Floats
+    ground: Floats
     lamps: tuple[Lamp, ...]
     exposure: float
     contrast: float
     noise: float
 
-
-def drawn_camera(vertices: Floats, size: PhotoSize, draw: np.random.Generator) -> Camera:
-    """A camera that looks at the subject, cropped as methods crop, a little off at random.
-
-    Args:
-        vertices: (V, 3) of the subject, world metres, its box centred at the origin.
-        size: How large the photo is, and the subject in it.
-        draw: Source of randomness.
-    """
-    if draw.random() < _NEAR_AXIS:
-        yaw = draw.choice([0.0, 180.0]) + draw.normal(0.0, _YAW_DEG)
-    else:
-        yaw = draw.uniform(0.0, 360.0)
-    yaw, pitch = math.radians(yaw), math.radians(draw.normal(0.0, _PITCH_DEG))
-    direction = np.array(
-        [math.cos(pitch) * math.sin(yaw), math.sin(pitch), math.cos(pitch) * math.cos(yaw)]
-    )
-    roll = math.radians(draw.normal(0.0, _ROLL_DEG))
-    up = (math.sin(roll) * math.cos(yaw), math.cos(roll), -math.sin(roll) * math.sin(yaw))
-    extrinsic = look_at(draw.uniform(*_DISTANCE_M) * direction, np.zeros(3), up)
-    K = np.diag([_FINE_FOCAL_PX, _FINE_FOCAL_PX, 1.0])
-    K[:2, 2] = _FINE_FOCAL_PX / 2
-    whole = Camera(K, extrinsic, int(_FINE_FOCAL_PX), int(_FINE_FOCAL_PX))
-    return _cropped(whole, vertices, size, draw)
+    def even(self, normals: Floats) -> Floats:
+        """(N, 3) light from everywhere on open surfaces with normals (N, 3), world frame."""
+        above = (1.0 + normals[:, 1:2]) / 2.0
+        return above * self.sky + (1.0 - above) * self.ground
 
 
-def _cropped(whole: Camera, vertices: Floats, size: PhotoSize, draw: np.random.Generator) -> Camera:
-    box = Window.around_points(vertices, whole, margin=0)
-    side_px, width, height = size.side_px, size.width_px, size.height_px
-    side = int(box.longer_side / draw.uniform(*_FILLED))
-    shift = draw.uniform(-0.02, 0.02, 2) * side
-    left, top = (
-        round(low + (extent - side * share) / 2 + off)
-        for low, extent, share, off in (
-            (box.left, box.width, width / side_px, shift[0]),
-            (box.top, box.height, height / side_px, shift[1]),
-        )
-    )
-    window = Window(left, top, round(side * width / side_px), round(side * height / side_px))
-    return window.camera(whole, (width, height))
+@dataclass(frozen=True, slots=True)
+class Gloss:
+    """How a surface shines (Blinn and Phong): strength, 0 for a matt one, and sharpness."""
+
+    strength: float
+    sharpness: float
+
+    def share(self, normals: Floats, toward_lamp: Floats, toward_camera: Floats) -> Floats:
+        """(N,) of a lamp's light that is reflected as from a mirror; unit directions (N, 3)."""
+        half = toward_lamp + toward_camera
+        half /= np.linalg.norm(half, axis=1, keepdims=True).clip(1e-9)
+        facing = np.maximum((normals * half).sum(axis=1), 0.0)
+        return self.strength * facing**self.sharpness * (self.sharpness + 8.0) / 8.0
 
 
 def drawn_light(camera: Camera, draw: np.random.Generator) -> Light:
     """Light around the subject of a camera; most of it from the camera's side and from above."""
-    even = draw.uniform(0.25, 0.9)
-    lamps = tuple(_drawn_lamp(camera, draw) for _ in range(draw.choice([1, 1, 2])))
+    lamps = tuple(_drawn_lamp(camera, draw) for _ in range(draw.choice(_LAMPS)))
+    sky = draw.uniform(0.1 if lamps else 0.6, 0.9) * _tint(draw)
     return Light(
-        even=even * _tint(draw),
+        sky=sky,
+        ground=draw.uniform(*_GROUND) * sky * _tint(draw),
         lamps=lamps,
         exposure=float(np.exp(draw.normal(0.0, 0.2))),
         contrast=float(np.exp(draw.normal(0.0, 0.12))),
         noise=float(draw.uniform(0.0, 0.015)),
     )
+
+
+def drawn_gloss(draw: np.random.Generator) -> Gloss:
+    """Mostly none; else from a faint sheen to leather and satin."""
+    if draw.random() < _MATT:
+        return Gloss(0.0, 1.0)
+    sharpness = math.exp(draw.uniform(*np.log(_SHARPNESS)))
+    return Gloss(float(draw.uniform(*_GLOSS)), sharpness)
 
 
 def _drawn_lamp(camera: Camera, draw: np.random.Generator) -> Lamp:
@@ -134,13 +110,13 @@ def _drawn_lamp(camera: Camera, draw: np.random.Generator) -> Lamp:
         [math.cos(lift) * math.sin(turn), -math.sin(lift), -math.cos(lift) * math.cos(turn)]
     )
     centre = distance * toward @ camera.rotation
-    radius = draw.uniform(0.1, 0.9)
+    radius = math.exp(draw.uniform(*np.log(_RADIUS_M)))
     points = centre + radius * draw.uniform(-1, 1, (_LAMP_POINTS, 3))
-    return Lamp(points, draw.uniform(0.15, 0.75) * _tint(draw))
+    return Lamp(points, draw.uniform(0.15, 0.9) * _tint(draw))
 
 
 def _tint(draw: np.random.Generator) -> Floats:
-    return np.exp(draw.normal(0.0, 0.06, 3))
+    return np.exp(draw.normal(0.0, _TINT, 3))
 
 
 def photographed(linear: Floats, light: Light, draw: np.random.Generator) -> Floats:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from harness.core.array_files.npz import read_array_npz
 from harness.core.errors import DataError, HarnessError
-from harness.core.files.atomic import exclusive_lock, remove_leftovers
+from harness.core.files.atomic import exclusive_lock, remove_leftovers, write_text
+from harness.core.files.hashing import file_sha256
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
 from harness.data.avatars import AVATARS_VERSION
@@ -17,6 +19,14 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
 from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
+from harness.pipeline.training.sittings import (
+    METADATA,
+    Sitting,
+    provenance,
+    sittings_of,
+    spans,
+    without_leaks,
+)
 from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["TrainingRequest", "TrainingResult", "ensure_samples", "train_normals"]
@@ -30,28 +40,34 @@ class TrainingRequest:
     """What a network is trained on and how.
 
     Attributes:
-        source: Training subjects; the recipe does not matter.
+        sources: Training subjects, by dataset; the recipe does not matter.
         samples: Which samples of each.
         training: How the network is trained.
-        directory: Where checkpoint, curve and network are written.
-        held_out: How many of the subjects, the last ones, only judge the network.
+        directory: Where checkpoint, curve, network and provenance are written.
+        held_out: How many of each dataset's subjects, the last ones, only judge the network.
         jobs: Subjects that are sampled in parallel.
+        start: The ``.onnx`` file, of an earlier training, whose weights come first; None for
+            random ones.
+        command: What a user runs to get the same network, for its provenance.
     """
 
-    source: Source
+    sources: tuple[Source, ...]
     samples: SampleSettings
     training: TrainingSettings
     directory: Path
     held_out: int
     jobs: int
+    start: Path | None = None
+    command: str = "harness train normals"
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """The network's file and its errors on the held-out subjects, degrees."""
+    """The network's file, what it comes from, and its errors on the held-out subjects, degrees."""
 
     network: Path
     curve: Path
+    provenance: Path
     front_deg: float
     back_deg: float
     body_front_deg: float
@@ -63,10 +79,12 @@ class TrainingResult:
 
 
 def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResult:
-    """Train a network on the samples of a source, continuing where an earlier call stopped.
+    """Train a network on the samples of some sources, continuing where an earlier call stopped.
 
     Raises:
-        HarnessError: too few subjects, sealed subjects, or test subjects among them.
+        HarnessError: too few subjects, sealed subjects, test subjects among them, or some that
+            judge and were trained on before.
+        DataError: a start that is no network of this shape.
         MissingPart: PyTorch or onnx is not installed.
     """
     # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
@@ -76,36 +94,67 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     from methods.normals.training.loop import judged, train
     from methods.normals.training.network import Mirrored
     from methods.normals.training.samples import Samples
+    from methods.normals.training.starting import started_from
 
-    refuse(request.source.manifest, request.source.name, "training")
-    subjects = request.source.subjects
-    if not 0 < request.held_out < len(subjects):
-        raise HarnessError(
-            f"cannot hold out {request.held_out} of {len(subjects)} subjects",
-            expected="at least one to train on and one held out",
-        )
-    paths = ensure_samples(request.source, request.samples, request.jobs, progress)
+    for source in request.sources:
+        refuse(source.manifest, source.name, "training")
+        if not 0 < request.held_out < len(source.subjects):
+            raise HarnessError(
+                f"cannot hold out {request.held_out} of {len(source.subjects)} subjects "
+                f"of {source.name}",
+                expected="at least one to train on and one held out",
+            )
+    before = () if request.start is None else sittings_of(request.start)
+    start = None if request.start is None else started_from(request.start)
+    sha256 = "" if request.start is None else file_sha256(request.start)
+    split = [_split(source, request, progress) for source in request.sources]
+    judging = {part.dataset: tuple(part.judging) for part in split}
+    without_leaks(before, judging)
+    progress.expect(_STEPS, request.training.steps)
+    judges = Samples.load([path for part in split for path in part.judging.values()])
+    trained = train(
+        Samples.load([path for part in split for path in part.training.values()]),
+        judges,
+        replace(request.training, start=sha256),
+        request.directory,
+        lambda steps, line: _report(progress, steps, line),
+        start,
+    )
+    sitting = Sitting(
+        command=request.command,
+        start=sha256,
+        trained={part.dataset: tuple(part.training) for part in split},
+        judged=judging,
+        datasets_version=AVATARS_VERSION,
+        curve=trained.looks,
+    )
+    network, path = Mirrored(trained.network.cpu()), request.directory / "open-normals.onnx"
+    export_network(network, path, _about(request, (*before, sitting)))
+    page = request.directory / "PROVENANCE.md"
+    write_text(page, provenance((*before, sitting)))
+    angles = asdict(judged(network, judges, torch.device("cpu")))
+    return TrainingResult(network=path, curve=trained.curve, provenance=page, **angles)
+
+
+@dataclass(frozen=True, slots=True)
+class _Split:
+    """Sample files by subject of one dataset: those that train and those that judge."""
+
+    dataset: str
+    training: dict[str, Path]
+    judging: dict[str, Path]
+
+
+def _split(source: Source, request: TrainingRequest, progress: Progress) -> _Split:
+    paths = ensure_samples(source, request.samples, request.jobs, progress)
     if len(paths) <= request.held_out:
         raise HarnessError(
-            "too few subjects are left to train on",
+            f"too few subjects of {source.name} are left to train on",
             expected=f"more than the {request.held_out} that are held out",
             got=", ".join(paths) or "none",
         )
-    chosen, files = list(paths), list(paths.values())
-    training, judging = files[: -request.held_out], files[-request.held_out :]
-    progress.expect(_STEPS, request.training.steps)
-    judges = Samples.load(judging)
-    trained = train(
-        Samples.load(training),
-        judges,
-        request.training,
-        request.directory,
-        lambda steps, line: _report(progress, steps, line),
-    )
-    network, path = Mirrored(trained.network.cpu()), request.directory / "open-normals.onnx"
-    export_network(network, path, _about(request, chosen[: -request.held_out]))
-    angles = asdict(judged(network, judges, torch.device("cpu")))
-    return TrainingResult(network=path, curve=trained.curve, **angles)
+    files = list(paths.items())
+    return _Split(source.name, dict(files[: -request.held_out]), dict(files[-request.held_out :]))
 
 
 def ensure_samples(
@@ -158,23 +207,21 @@ def _report(progress: Progress, steps: int, line: str) -> None:
         progress.say(line)
 
 
-def _about(request: TrainingRequest, subjects: Sequence[str]) -> dict[str, str]:
+def _about(request: TrainingRequest, sittings: Sequence[Sitting]) -> dict[str, str]:
     """The metadata of the network's file."""
-    source = request.source
-    dataset = source.manifest.datasets[source.name]
-    version = f", version {AVATARS_VERSION}" if source.is_generated else ""
+    seen: dict[str, set[str]] = {}
+    for sitting in sittings:
+        for dataset, subjects in sitting.trained.items():
+            seen.setdefault(dataset, set()).update(subjects)
+    generated = any(source.is_generated for source in request.sources)
+    version = f", version {AVATARS_VERSION}" if generated else ""
+    licences = {source.manifest.datasets[source.name].licence: None for source in request.sources}
     return {
         "name": "open-normals",
         "licence": "Apache-2.0",
-        "training_set": f"{source.name} {_named(subjects, dataset.subjects)}{version}",
-        "training_set_licence": dataset.licence,
+        "training_set": "; ".join(f"{name} {spans(sorted(ids))}" for name, ids in seen.items())
+        + version,
+        "training_set_licence": ", ".join(licences),
         "window": "mask",
+        METADATA: json.dumps([sitting.to_dict() for sitting in sittings]),
     }
-
-
-def _named(subjects: Sequence[str], known: Sequence[str]) -> str:
-    """``t00001..t00004`` or, with one of them missing, ``t00001..t00004 without t00003``."""
-    inside = [name for name in known if subjects[0] <= name <= subjects[-1]]
-    missing = [name for name in inside if name not in subjects]
-    span = subjects[0] if len(subjects) == 1 else f"{subjects[0]}..{subjects[-1]}"
-    return f"{span} without {', '.join(missing)}" if missing else span

@@ -26,12 +26,14 @@ from harness.geometry.photo import Picture
 from harness.geometry.raycast import Hits, Raycaster
 from harness.geometry.texture import linear_texture, texture_at
 from harness.pipeline.training.light import (
+    Gloss,
     Light,
-    PhotoSize,
-    drawn_camera,
+    drawn_gloss,
     drawn_light,
     photographed,
 )
+from harness.pipeline.training.prints import printed
+from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
 from renderers.protocol import texture_of
@@ -39,12 +41,14 @@ from renderers.protocol import texture_of
 __all__ = ["SAMPLES_VERSION", "SampleSettings", "make_samples", "samples_key"]
 
 
-SAMPLES_VERSION = 1
+SAMPLES_VERSION = 2
 """Changes whenever any output does."""
 
 #: Rays along each side of a pixel of the photo.
 _SUPERSAMPLE = 2
 _OPENNESS_RAYS = 32
+#: Textures of a subject: its own for half of the photos, and printed ones.
+_PRINTED_SHARE, _PRINTED = 0.5, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +109,10 @@ class _Studio:
     """One subject, ready to be photographed."""
 
     def __init__(self, scan: Scan, mesh: Mesh, seed: int) -> None:
-        self._texture = linear_texture(load_rgb(texture_of(mesh)))
+        plain = load_rgb(texture_of(mesh))
+        draw = np.random.default_rng(derive_seed(seed, "prints", scan.subject))
+        self._textures = [linear_texture(plain)]
+        self._textures += [linear_texture(printed(plain, draw)) for _ in range(_PRINTED)]
         self._caster = Raycaster(mesh)
         self._openness = vertex_openness(
             self._caster, _OPENNESS_RAYS, derive_seed(seed, "openness", scan.subject)
@@ -118,7 +125,10 @@ class _Studio:
         draw = np.random.default_rng(seed)
         size = PhotoSize(settings.side_px, settings.width_px, settings.height_px)
         camera = drawn_camera(self._caster.mesh.vertices, size, draw)
-        photo = self._photo(camera, drawn_light(camera, draw), draw)
+        light, gloss = drawn_light(camera, draw), drawn_gloss(draw)
+        is_printed = draw.random() < _PRINTED_SHARE
+        texture = self._textures[int(draw.integers(1, 1 + _PRINTED)) if is_printed else 0]
+        photo = self._photo(camera, texture, light, gloss, draw)
         fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
         skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
         body = Raycaster(skin)
@@ -131,13 +141,20 @@ class _Studio:
             "body_back": packed_normals(body.normals(camera, "far")),
         }
 
-    def _photo(self, camera: Camera, light: Light, draw: np.random.Generator) -> Picture:
+    def _photo(
+        self,
+        camera: Camera,
+        texture: Floats,
+        light: Light,
+        gloss: Gloss,
+        draw: np.random.Generator,
+    ) -> Picture:
         """What a camera sees in a light; black outside the mask, as working views are."""
         n = _SUPERSAMPLE
         fine = camera.resized(camera.width * n, camera.height * n)
         hits = self._caster.cast(fine)
         linear = np.zeros((*hits.mask.shape, 3))
-        linear[hits.mask] = self._radiance(hits, fine, light)
+        linear[hits.mask] = self._radiance(hits, fine, texture, light, gloss)
         blocks = (camera.height, n, camera.width, n)
         coverage = hits.mask.reshape(blocks).mean(axis=(1, 3))
         total = linear.reshape(*blocks, 3).mean(axis=(1, 3))
@@ -148,16 +165,21 @@ class _Studio:
         picture[mask] = photographed(straight[mask], light, draw) * coverage[mask][:, None]
         return Picture(camera, picture, coverage)
 
-    def _radiance(self, hits: Hits, camera: Camera, light: Light) -> Floats:
+    def _radiance(
+        self, hits: Hits, camera: Camera, texture: Floats, light: Light, gloss: Gloss
+    ) -> Floats:
         """(N, 3) linear light that leaves each hit towards the camera."""
         mesh = self._caster.mesh
         normals = self._caster.normals_at(hits, camera, "world")[hits.mask]
-        albedo = texture_at(hits, mesh, self._texture)[hits.mask]
+        albedo = texture_at(hits, mesh, texture)[hits.mask]
         openness = hits.interpolate(self._openness, mesh.faces)[hits.mask]
         rows, columns = np.nonzero(hits.mask)
         pixels = np.stack([columns, rows], axis=1) + 0.5
         points = camera.unproject(pixels, hits.depth[hits.mask])
-        arriving = openness * light.even
+        arriving = openness * light.even(normals)
+        toward_camera = camera.position - points
+        toward_camera /= np.linalg.norm(toward_camera, axis=1, keepdims=True)
+        reflected = np.zeros_like(albedo)
         for lamp in light.lamps:
             toward = lamp.points.mean(axis=0) - points
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)
@@ -166,4 +188,7 @@ class _Studio:
             share = np.zeros(len(points))
             share[lit] = lit_share(self._caster, points[lit], normals[lit], lamp.points)
             arriving = arriving + (facing * share)[:, None] * lamp.colour
-        return albedo * arriving
+            if gloss.strength > 0:
+                mirrored = gloss.share(normals, toward, toward_camera)
+                reflected += (mirrored * facing * share)[:, None] * lamp.colour
+        return albedo * arriving + reflected

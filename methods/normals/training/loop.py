@@ -1,19 +1,13 @@
-"""Training of the open normal network: samples in, a checkpoint and a curve out, resumable.
-
-The loss is the chord between predicted and true unit normals, 2 sin(angle / 2): nearly the angle,
-which is what is measured, and with a gradient that does not vanish or explode.
-"""
+"""Training of the open normal network: samples in, a checkpoint and a curve out, resumable."""
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -21,17 +15,18 @@ from torch import Tensor, nn
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
-from methods.normals.training.network import NormalNetwork
+from methods.normals.training.curve import Look, write_curve
+from methods.normals.training.losses import total
+from methods.normals.training.network import Answer, NormalNetwork
+from methods.normals.training.optimiser import Muon
 from methods.normals.training.samples import Batch, Samples
 from methods.normals.training.settings import TrainingSettings
 
-__all__ = ["Angles", "Trained", "TrainingSettings", "chord", "judged", "train"]
+__all__ = ["Angles", "Trained", "judged", "train"]
 
 #: Called with the steps done since the last call, and a line when there is something to say.
 Tell = Callable[[int, str], None]
 
-#: The back is guessed from the front's photo: it may not pull the front's features too far.
-_BACK_WEIGHT = 0.5
 _WARM_UP = 0.05
 _LAST_RATE = 0.01
 _AVERAGE = 0.998
@@ -51,32 +46,38 @@ class Angles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trained:
-    """The network (its averaged weights) and the file of its curve."""
+    """The network (its averaged weights), how it came about, and the file of that."""
 
     network: NormalNetwork
+    looks: tuple[Look, ...]
     curve: Path
 
 
-def chord(predicted: Tensor, true: Tensor, inside: Tensor) -> Tensor:
-    """Mean chord, 0 to 2, between normals (B, 3, H, W) over the pixels (B, 1, H, W) inside."""
-    unit = torch.nn.functional.normalize(predicted, dim=1, eps=1e-6)
-    # The root of exactly nothing has no gradient.
-    length = ((unit - true).square().sum(1, keepdim=True) + 1e-6).sqrt()
-    return (length * inside).sum() / inside.sum().clamp(min=1.0)
-
-
 def train(
-    samples: Samples, judges: Samples, settings: TrainingSettings, directory: Path, tell: Tell
+    samples: Samples,
+    judges: Samples,
+    settings: TrainingSettings,
+    directory: Path,
+    tell: Tell,
+    start: Mapping[str, Tensor] | None = None,
 ) -> Trained:
     """A network trained on ``samples``, its error on ``judges`` written to ``curve.csv``.
 
     Training continues from a checkpoint in ``directory`` that was made with the same samples and
     settings; the result does not depend on how often it was interrupted.
 
+    Args:
+        samples: What is learned.
+        judges: What only measures.
+        settings: How; ``settings.start`` names ``start``.
+        directory: Of checkpoint and curve.
+        tell: Called with the steps done and, now and then, a line.
+        start: The first weights; random ones unless given.
+
     Raises:
         HarnessError: the checkpoint was made with others.
     """
-    run = _Run.start(samples, settings, directory / "checkpoint.pt")
+    run = _Run.start(samples, settings, directory / "checkpoint.pt", start)
     tell(run.step, f"going on after step {run.step}" if run.step else "")
     began = time.monotonic()
     while run.step < settings.steps:
@@ -85,32 +86,40 @@ def train(
         if run.step % settings.judge_every == 0 or run.step == settings.steps:
             seconds = run.seconds + time.monotonic() - began
             run.look(judges, seconds)
-            _write_curve(directory / "curve.csv", run.curve)
+            write_curve(directory / "curve.csv", run.looks)
             run.save(seconds)
-            tell(0, _line(run.curve[-1]))
-    return Trained(run.average, directory / "curve.csv")
+            tell(0, str(run.looks[-1]))
+    return Trained(run.average, tuple(run.looks), directory / "curve.csv")
 
 
 class _Run:
     """Everything that a checkpoint holds."""
 
-    def __init__(self, key: str, settings: TrainingSettings, path: Path) -> None:
+    def __init__(
+        self, key: str, settings: TrainingSettings, path: Path, start: Mapping[str, Tensor] | None
+    ) -> None:
         torch.manual_seed(derive_seed(settings.seed, "normal-network") % 2**31)
         self.key, self.settings, self.path = key, settings, path
         self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.network = _placed(NormalNetwork(), self.device)
+        if start is not None:
+            self.network.load_state_dict(start)
         self.average = _placed(NormalNetwork(), self.device)
         self.average.load_state_dict(self.network.state_dict())
-        self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), lr=settings.rate, weight_decay=settings.decay
-        )
+        self.optimiser = Muon(self.network.parameters(), settings.rate, settings.decay)
         self.step, self.seconds, self.loss = 0, 0.0, math.nan
-        self.curve: list[dict[str, Any]] = []
+        self.looks: list[Look] = []
 
     @classmethod
-    def start(cls, samples: Samples, settings: TrainingSettings, path: Path) -> _Run:
+    def start(
+        cls,
+        samples: Samples,
+        settings: TrainingSettings,
+        path: Path,
+        start: Mapping[str, Tensor] | None,
+    ) -> _Run:
         key = content_hash({**asdict(settings), "samples": list(samples.keys)})
-        run = cls(key, settings, path)
+        run = cls(key, settings, path, start)
         if not path.is_file():
             return run
         try:
@@ -127,7 +136,7 @@ class _Run:
         except (RuntimeError, KeyError, EOFError, ValueError, UnpicklingError) as error:
             raise DataError(f"{path} is no checkpoint", got=str(error)) from error
         run.step, run.seconds, run.loss = saved["step"], saved["seconds"], saved["loss"]
-        run.curve = saved["curve"]
+        run.looks = [Look(**row) for row in saved["curve"]]
         return run
 
     def save(self, seconds: float) -> None:
@@ -139,7 +148,7 @@ class _Run:
             "step": self.step,
             "seconds": seconds,
             "loss": self.loss,
-            "curve": self.curve,
+            "curve": [asdict(look) for look in self.looks],
         }
         with atomic_path(self.path) as temporary:
             torch.save(state, temporary)
@@ -149,13 +158,13 @@ class _Run:
         draw = torch.Generator().manual_seed(
             derive_seed(self.settings.seed, "normal-step", self.step) % 2**31
         )
-        batch = samples.drawn(self.settings.batch, self.settings.width_px, draw).to(self.device)
+        batch = samples.drawn(
+            self.settings.batch, self.settings.width_px, draw, self.settings.faults
+        ).to(self.device)
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate * _rate(self.step / self.settings.steps)
         self.network.train()
-        front, back = _answer(self.network, batch)
-        loss = chord(front, batch.front, batch.front_inside)
-        loss = loss + _BACK_WEIGHT * chord(back, batch.back, batch.back_inside)
+        loss = total(_answer(self.network, batch), batch, self.settings.losses)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
@@ -167,9 +176,9 @@ class _Run:
 
     def look(self, judges: Samples, seconds: float) -> None:
         """Enter what the averaged network reaches now into the curve."""
-        row = {"step": self.step, "seconds": round(seconds, 1), "loss": round(self.loss, 5)}
         angles = asdict(judged(self.average, judges, self.device))
-        self.curve.append(row | {name: round(value, 3) for name, value in angles.items()})
+        rounded = {name: round(value, 3) for name, value in angles.items()}
+        self.looks.append(Look(self.step, round(seconds, 1), round(self.loss, 5), **rounded))
 
     def _average(self) -> None:
         # Early on, a long memory would only remember the random start.
@@ -184,10 +193,10 @@ def _placed(network: NormalNetwork, device: torch.device) -> NormalNetwork:
     return network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
-def _answer(network: nn.Module, batch: Batch) -> tuple[Tensor, Tensor]:
+def _answer(network: nn.Module, batch: Batch) -> Answer:
     with torch.autocast(batch.image.device.type, dtype=torch.bfloat16, enabled=_halves(batch)):
-        front, back = network(batch.image, batch.mask, batch.body_front, batch.body_back)
-    return front.float(), back.float()
+        answer = network(batch.image, batch.mask, batch.body_front, batch.body_back)
+    return Answer(*(values.float() for values in answer))
 
 
 def _halves(batch: Batch) -> bool:
@@ -212,11 +221,11 @@ def judged(network: nn.Module, judges: Samples, device: torch.device) -> Angles:
     with torch.no_grad():
         for first in range(0, len(judges), _JUDGE_BATCH):
             batch = judges.at(range(first, min(first + _JUDGE_BATCH, len(judges)))).to(device)
-            front, back = _answer(network, batch)
+            answer = _answer(network, batch)
             for row, (normals, true, inside) in enumerate(
                 (
-                    (front, batch.front, batch.front_inside),
-                    (back, batch.back, batch.back_inside),
+                    (answer.front, batch.front, batch.front_inside),
+                    (answer.back, batch.back, batch.back_inside),
                     (batch.body_front, batch.front, batch.front_inside),
                     (batch.body_back, batch.back, batch.back_inside),
                 )
@@ -232,18 +241,3 @@ def _angles(normals: Tensor, true: Tensor, inside: Tensor) -> Tensor:
     cosine = torch.nn.functional.cosine_similarity(normals, true, dim=1)[:, None].clamp(-1, 1)
     angles = torch.rad2deg(torch.acos(cosine))
     return torch.stack([(angles * inside).sum(), inside.sum()]).double().cpu()
-
-
-def _write_curve(path: Path, curve: list[dict[str, Any]]) -> None:
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, list(curve[0]))
-        writer.writeheader()
-        writer.writerows(curve)
-
-
-def _line(row: Mapping[str, Any]) -> str:
-    return (
-        f"step {row['step']}: loss {row['loss']:.4f}, held out: front {row['front_deg']:.2f} deg "
-        f"(body {row['body_front_deg']:.2f}), back {row['back_deg']:.2f} "
-        f"(body {row['body_back_deg']:.2f})"
-    )

@@ -2,40 +2,83 @@
 
 Two heads as in ECON: the near side, which the photo shows, and the far side, which it only hints
 at. A few channels see the photo at half its resolution, where edges and small folds are; most of
-the work is done at a quarter and below, so that a processor without a GPU trains it within an hour.
-It is fully convolutional: any height and width that 32 divides.
+the work is done at a quarter and below, and at a thirty-second of it every place attends to every
+other: light and pose are matters of the whole picture. It is fully convolutional: any height and
+width that 32 divides.
 """
 
 from __future__ import annotations
 
+import itertools
+from typing import NamedTuple
+
 import torch
 from torch import Tensor, nn
 
-__all__ = ["MULTIPLE", "NormalNetwork"]
+__all__ = ["MULTIPLE", "Answer", "Mirrored", "NormalNetwork"]
 
 #: Sides of the input are multiples of this.
 MULTIPLE = 32
-_FOLD = 2
 #: Image, mask, body front and back.
 _CHANNELS = 3 + 1 + 3 + 3
-#: Both sides' normals.
-_ANSWERS = 3 + 3
+#: Both sides' normals, and the logarithms of their expected errors.
+_ANSWERS = 3 + 3 + 1 + 1
+_HEADS = 4
+#: At the start every normal is expected to be 20 degrees off.
+_FIRST_ERROR = -1.05
+
+
+class Answer(NamedTuple):
+    """What a network says of a batch (a tuple, because ONNX files are made from such).
+
+    Attributes:
+        front: (B, 3, H, W) normals of the near side, map frame, of any length.
+        back: The same of the far side.
+        front_error: (B, 1, H, W) chord, about the angle in radians, by which the network expects
+            ``front`` to be off.
+        back_error: The same of ``back``.
+    """
+
+    front: Tensor
+    back: Tensor
+    front_error: Tensor
+    back_error: Tensor
 
 
 class _Block(nn.Module):
-    """Two 3 x 3 convolutions and a shortcut; at the start the shortcut alone."""
+    """Two 3 x 3 convolutions beside a shortcut; at the start the shortcut alone."""
 
-    def __init__(self, inside: int, outside: int) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.first = nn.Conv2d(inside, outside, 3, padding=1)
-        self.second = nn.Conv2d(outside, outside, 3, padding=1)
+        self.first = nn.Conv2d(channels, channels, 3, padding=1)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1)
         # Without normalisation layers a deep sum stays tame only if it starts shallow.
         nn.init.zeros_(self.second.weight)
-        self.shortcut = nn.Conv2d(inside, outside, 1) if inside != outside else nn.Identity()
 
     def forward(self, features: Tensor) -> Tensor:
-        inner = self.second(torch.relu(self.first(features)))
-        return torch.relu(inner + self.shortcut(features))
+        return features + self.second(torch.relu(self.first(torch.relu(features))))
+
+
+class _Attention(nn.Module):
+    """Every place looks at every other; at the start at none."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.normalise = nn.LayerNorm(channels)
+        self.ask = nn.Conv2d(channels, 3 * channels, 1)
+        self.answer = nn.Conv2d(channels, channels, 1)
+        nn.init.zeros_(self.answer.weight)
+
+    def forward(self, features: Tensor) -> Tensor:
+        alike = self.normalise(features.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
+        asked = self.ask(alike).flatten(2).unflatten(1, (3, _HEADS, -1)).transpose(-1, -2)
+        query, key, value = asked.unbind(1)
+        found = nn.functional.scaled_dot_product_attention(query, key, value)
+        return features + self.answer(found.transpose(-1, -2).reshape(features.shape))
+
+
+def _blocks(count: int, channels: int) -> nn.Sequential:
+    return nn.Sequential(*[_Block(channels) for _ in range(count)])
 
 
 class NormalNetwork(nn.Module):
@@ -43,37 +86,42 @@ class NormalNetwork(nn.Module):
 
     Args:
         fine: Channels at half the photo's resolution.
-        widths: Channels at a quarter of it, and at each half of that.
+        widths: Channels at a quarter of it, and at each half of that; multiples of four.
+        depths: Blocks at each of these.
     """
 
-    def __init__(self, fine: int = 24, widths: tuple[int, ...] = (64, 128, 192, 224)) -> None:
+    def __init__(
+        self,
+        fine: int = 24,
+        widths: tuple[int, ...] = (64, 128, 224, 288),
+        depths: tuple[int, ...] = (1, 2, 2, 2),
+    ) -> None:
         super().__init__()
-        self.fold = nn.PixelUnshuffle(_FOLD)
-        self.stem = nn.Conv2d(_CHANNELS * _FOLD**2, fine, 3, padding=1)
+        self.stem = nn.Conv2d(_CHANNELS, fine, 6, stride=2, padding=2)
         self.enter = nn.Conv2d(fine, widths[0], 4, stride=2, padding=1)
-        self.down = nn.ModuleList(
-            _Block(before, after)
-            for before, after in zip((widths[0], *widths), widths, strict=False)
+        self.halve = nn.ModuleList(
+            nn.Conv2d(before, after, 2, stride=2) for before, after in itertools.pairwise(widths)
         )
-        self.deepest = _Block(widths[-1], widths[-1])
-        self.halve = nn.MaxPool2d(2)
-        self.up = nn.ModuleList(
-            _Block(deep + level, level)
+        self.down = nn.ModuleList(map(_blocks, depths, widths))
+        self.attend = _Attention(widths[-1])
+        self.deepest = _Block(widths[-1])
+        self.lift = nn.ModuleList(
+            nn.Conv2d(deep, level, 1)
             for level, deep in zip(widths[-2::-1], widths[:0:-1], strict=True)
         )
+        self.up = nn.ModuleList(_blocks(1, level) for level in widths[-2::-1])
         self.enlarge = nn.Upsample(scale_factor=2.0, mode="nearest")
-        self.leave = nn.Conv2d(widths[0], 2 * fine * _FOLD**2, 1)
-        self.unfold = nn.PixelShuffle(_FOLD)
-        self.sharpen = _Block(3 * fine, 2 * fine)
-        self.out = nn.Conv2d(2 * fine, _ANSWERS * _FOLD**2, 3, padding=1)
+        self.leave = nn.ConvTranspose2d(widths[0], 2 * fine, 2, stride=2)
+        self.sharpen = nn.Conv2d(3 * fine, 2 * fine, 3, padding=1)
+        self.out = nn.ConvTranspose2d(2 * fine, _ANSWERS, 6, stride=2, padding=2)
         # At the start the answer is the body's own normals.
         nn.init.zeros_(self.out.weight)
-        nn.init.zeros_(self.out.bias)  # type: ignore[arg-type] - it has one
+        with torch.no_grad():
+            start = torch.tensor([0.0] * 6 + [_FIRST_ERROR] * 2)
+            self.out.bias.copy_(start)  # type: ignore[union-attr] - it has one
 
-    def forward(
-        self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Normals (B, 3, H, W) of the near and far side, map frame, of any length.
+    def forward(self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor) -> Answer:
+        """Normals of both sides, and how far off they may be.
 
         Args:
             image: (B, 3, H, W) sRGB in [-1, 1], 0 outside the subject.
@@ -81,19 +129,24 @@ class NormalNetwork(nn.Module):
             body_front: (B, 3, H, W) unit normals of the body's near side, 0 where there is none.
             body_back: The same of its far side.
         """
-        photo = self.fold(torch.cat([image, mask, body_front, body_back], dim=1))
-        fine = torch.relu(self.stem(photo))
-        features = torch.relu(self.enter(fine))
+        fine = torch.relu(self.stem(torch.cat([image, mask, body_front, body_back], dim=1)))
+        features = self.enter(fine)
         seen: list[Tensor] = []
-        for level, block in enumerate(self.down):
-            features = block(self.halve(features) if level else features)
+        for level, blocks in enumerate(self.down):
+            features = blocks(self.halve[level - 1](features) if level else features)
             seen.append(features)
-        features = self.deepest(features)
-        for block, beside in zip(self.up, seen[-2::-1], strict=True):
-            features = block(torch.cat([self.enlarge(features), beside], dim=1))
-        features = torch.cat([self.unfold(self.leave(features)), fine], dim=1)
-        front, back = self.unfold(self.out(self.sharpen(features))).split(3, dim=1)
-        return body_front + front, body_back + back
+        features = self.deepest(_packed(self.attend(features)))
+        for lift, blocks, beside in zip(self.lift, self.up, seen[-2::-1], strict=True):
+            features = blocks(self.enlarge(lift(features)) + beside)
+        features = self.leave(torch.relu(features))
+        features = torch.relu(self.sharpen(torch.cat([features, fine], dim=1)))
+        front, back, front_error, back_error = self.out(features).split((3, 3, 1, 1), dim=1)
+        return Answer(body_front + front, body_back + back, front_error.exp(), back_error.exp())
+
+
+def _packed(features: Tensor) -> Tensor:
+    # What attention returns lies otherwise in memory, and everything after it would be slower.
+    return features.contiguous(memory_format=torch.channels_last)
 
 
 class Mirrored(nn.Module):
@@ -106,9 +159,7 @@ class Mirrored(nn.Module):
         self.network = network
         self.register_buffer("turn", torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1))
 
-    def forward(
-        self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def forward(self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor) -> Answer:
         """As ``NormalNetwork.forward``."""
         plain = self.network(image, mask, body_front, body_back)
         mirrored = self.network(
@@ -119,6 +170,9 @@ class Mirrored(nn.Module):
         )
         front, back = (
             (one + other.flip(3) * self.turn) / 2.0
-            for one, other in zip(plain, mirrored, strict=True)
+            for one, other in zip(plain[:2], mirrored[:2], strict=True)
         )
-        return front, back
+        front_error, back_error = (
+            (one + other.flip(3)) / 2.0 for one, other in zip(plain[2:], mirrored[2:], strict=True)
+        )
+        return Answer(front, back, front_error, back_error)

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from harness.core.array_files.npz import read_required_arrays
 from harness.core.errors import DataError
+from methods.normals.training.photo_faults import spoilt
+from methods.normals.training.settings import FaultShares
 
 __all__ = ["Batch", "Samples"]
 
@@ -88,14 +90,28 @@ class Samples:
         """The samples at some indices, as they are."""
         return self._batch(torch.as_tensor(list(indices)), slice(None))
 
-    def drawn(self, count: int, width: int, draw: torch.Generator) -> Batch:
-        """Some samples with varied colours, half of them mirrored, cut to ``width`` columns."""
+    def drawn(
+        self,
+        count: int,
+        width: int,
+        draw: torch.Generator,
+        faults: FaultShares,
+    ) -> Batch:
+        """Some samples with varied colours and a camera's faults, half of them mirrored.
+
+        Args:
+            count: Number of samples.
+            width: Columns of them that are kept, at random.
+            draw: Source of randomness.
+            faults: How often cameras and masks are at fault.
+        """
         rows = torch.randint(len(self), (count,), generator=draw)
         whole = self._arrays["mask"].shape[2]
         width = min(width, whole)
         left = int(torch.randint(whole - width + 1, (1,), generator=draw))
         batch = self._batch(rows, slice(left, left + width))
         batch = replace(batch, image=_recoloured(batch.image, batch.mask, draw))
+        batch = _photographed(batch, draw, faults)
         mirrored = torch.rand(count, generator=draw) < 0.5
         return Batch(
             *(
@@ -141,6 +157,26 @@ def _recoloured(image: Tensor, mask: Tensor, draw: torch.Generator) -> Tensor:
     mixed = torch.stack([picture[rows] for picture, rows in zip(image, order, strict=True)])
     light = ((mixed + 1.0) / 2.0 * gain).clamp(1e-4, 1.0) ** exponent
     return (2.0 * light - 1.0) * mask
+
+
+def _photographed(batch: Batch, draw: torch.Generator, faults: FaultShares) -> Batch:
+    """The batch as cameras and masks spoil it; what they lose is not asked for."""
+    pairs = [
+        spoilt(image, mask, draw, faults)
+        for image, mask in zip(batch.image, batch.mask, strict=True)
+    ]
+    image, mask = (torch.stack(list(maps)) for maps in zip(*pairs, strict=True))
+    # A fitted body goes on where the frame cuts the person, but its map ends there too.
+    rows = mask.amax(dim=3, keepdim=True)
+    return replace(
+        batch,
+        image=image.contiguous(memory_format=torch.channels_last),
+        mask=mask,
+        body_front=batch.body_front * rows,
+        body_back=batch.body_back * rows,
+        front_inside=batch.front_inside * mask,
+        back_inside=batch.back_inside * mask,
+    )
 
 
 def _mirrored(values: Tensor, chosen: Tensor, *, normals: bool) -> Tensor:

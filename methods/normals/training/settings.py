@@ -2,9 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-__all__ = ["TrainingSettings"]
+__all__ = ["FaultShares", "LossWeights", "TrainingSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class LossWeights:
+    """Factors of the parts of the loss; the chord of the near side has 1.
+
+    Attributes:
+        back: The far side is guessed from the near side's photo: it may not pull the features too
+            far.
+        steps: How normals change from pixel to pixel.
+        expected: The network's estimate of its own error.
+    """
+
+    back: float = 0.5
+    steps: float = 0.3
+    expected: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class FaultShares:
+    """Shares of the pictures that have each fault of a camera, a file or a mask.
+
+    Attributes:
+        blur: Out of focus or moved.
+        small: Taken at a lower resolution.
+        grain: With noise that neighbouring pixels share.
+        sharp: Sharpened, as telephones do.
+        packed: Compressed by JPEG.
+        rim: With a mask that is a pixel or two too large or too small.
+        cut: With feet or head beyond the frame.
+    """
+
+    blur: float = 0.25
+    small: float = 0.15
+    grain: float = 0.3
+    sharp: float = 0.2
+    packed: float = 0.15
+    rim: float = 0.3
+    cut: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,16 +54,22 @@ class TrainingSettings:
         steps: Number of optimiser steps.
         batch: Number of samples in each step.
         width_px: Columns of a sample that a step sees, at random: most are empty.
-        rate: Greatest learning rate (AdamW; warm-up, then a half cosine).
+        rate: Greatest learning rate (Muon; warm-up, then a half cosine).
         decay: Weight decay.
         judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
         seed: Seed of weights, order and augmentation.
+        losses: Factors of the parts of the loss.
+        faults: How often cameras and masks are at fault.
+        start: Content id of the weights that training starts from; empty for random ones.
     """
 
     steps: int = 1500
     batch: int = 8
     width_px: int = 256
-    rate: float = 1.5e-3
+    rate: float = 3e-3
     decay: float = 1e-2
     judge_every: int = 100
     seed: int = 0
+    losses: LossWeights = field(default_factory=LossWeights)
+    faults: FaultShares = field(default_factory=FaultShares)
+    start: str = ""

@@ -11,11 +11,13 @@ from harness.cli.display import shown_progress
 from harness.cli.options import Jobs, Json, ManifestPath, Subjects, WorkspacePath, split_names
 from harness.cli.output import print_json
 from harness.cli.verb_list import VERBS, verb_group
-from harness.data.manifest import load_manifest
+from harness.core.errors import DataError, HarnessError
+from harness.data.manifest import Manifest, load_manifest
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.training.normals import TrainingRequest, train_normals
 from harness.pipeline.training.samples import SampleSettings
+from methods.normals.installed import find, imported_place, listed, shipped_place
 from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["app"]
@@ -38,8 +40,8 @@ HeldOut = Annotated[
     typer.Option(
         metavar="N",
         min=1,
-        help="Number of subjects, from the end of the list, that are not trained on and "
-        "measure the error.",
+        help="Number of subjects of each dataset, from the end of the list, that are not "
+        "trained on and measure the error.",
     ),
 ]
 Seed = Annotated[
@@ -64,10 +66,21 @@ Output = Annotated[
         "the workspace.",
     ),
 ]
-TrainingSet = Annotated[
+TrainingSets = Annotated[
     str,
     typer.Option(
-        "--dataset", metavar="NAME", help="Dataset to train on; never one used for results."
+        "--dataset",
+        metavar="NAMES",
+        help="Datasets to train on, with commas between them; never one used for results.",
+    ),
+]
+Start = Annotated[
+    str,
+    typer.Option(
+        "--from",
+        metavar="NETWORK",
+        help="Network, by name or .onnx file, whose weights training starts from. Default: "
+        "random weights.",
     ),
 ]
 
@@ -78,12 +91,13 @@ def normals(
     views: Views = 32,
     steps: Steps = 1500,
     batch: Batch = 8,
-    rate: Rate = 1.5e-3,
+    rate: Rate = 3e-3,
     held_out: HeldOut = 2,
     seed: Seed = 0,
     judge_every: JudgeEvery = 100,
     output: Output = None,
-    dataset: TrainingSet = "avatars-train",
+    dataset: TrainingSets = "avatars-train",
+    start: Start = "",
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
@@ -95,9 +109,8 @@ def normals(
     """
     checked = load_manifest(manifest)
     place = Workspace.default(workspace)
-    recipe = next(iter(checked.recipes))
     request = TrainingRequest(
-        source=Source.select(checked, place, dataset, split_names(subjects), recipe),
+        sources=_sources(checked, place, dataset, subjects),
         samples=SampleSettings(views=views, seed=seed),
         training=TrainingSettings(
             steps=steps, batch=batch, rate=rate, judge_every=judge_every, seed=seed
@@ -105,6 +118,10 @@ def normals(
         directory=output or place.root / "training" / "normals",
         held_out=held_out,
         jobs=jobs,
+        start=_network_file(start) if start else None,
+        command=f"harness train normals --dataset {dataset} --subjects {subjects} "
+        f"--views {views} --steps {steps} --batch {batch} --rate {rate:g} --held-out {held_out} "
+        f"--seed {seed}" + (f" --from {Path(start).name}" if start else ""),
     )
     with shown_progress(quiet=as_json) as progress:
         result = train_normals(request, progress)
@@ -113,4 +130,44 @@ def normals(
         return
     print(f"front {result.front_deg:.2f} deg (body {result.body_front_deg:.2f}), ", end="")
     print(f"back {result.back_deg:.2f} deg (body {result.body_back_deg:.2f}), held-out subjects")
-    print(f"{result.network}\n{result.curve}")
+    print(f"{result.network}\n{result.curve}\n{result.provenance}")
+
+
+def _sources(
+    manifest: Manifest, place: Workspace, datasets: str, subjects: str
+) -> tuple[Source, ...]:
+    """The subjects of each dataset; an id goes to the first one that has it."""
+    recipe = next(iter(manifest.recipes))
+    names, left = split_names(datasets), split_names(subjects)
+    if len(names) == 1:
+        return (Source.select(manifest, place, names[0], left, recipe),)
+    sources = []
+    for name in names:
+        known = set(Source.select(manifest, place, name, (), recipe).subjects)
+        own = tuple(subject for subject in left if subject in known)
+        if not own:
+            raise HarnessError(
+                f"none of the subjects belongs to {name}", hint="Name some with --subjects"
+            )
+        left = tuple(subject for subject in left if subject not in known)
+        sources.append(Source.select(manifest, place, name, own, recipe))
+    if left:
+        raise HarnessError(
+            f"no dataset of {', '.join(names)} has the subject {left[0]}",
+            hint="Name its dataset with --dataset",
+        )
+    return tuple(sources)
+
+
+def _network_file(name: str) -> Path:
+    """A file as it was named, or the shipped or imported network of that name."""
+    if name.endswith(".onnx"):
+        path = Path(name)
+        if not path.is_file():
+            raise DataError(f"there is no network {path}")
+        return path
+    places = (shipped_place(), imported_place())
+    place = next(
+        (place for place in places if name in {n.name for n in listed(place)}), imported_place()
+    )
+    return find(name, place).path

@@ -11,12 +11,14 @@ torch = pytest.importorskip("torch")
 
 from harness.core.errors import DataError, HarnessError  # noqa: E402
 from methods.normals.training import loop  # noqa: E402
-from methods.normals.training.loop import TrainingSettings, chord, judged, train  # noqa: E402
+from methods.normals.training.loop import judged, train  # noqa: E402
 from methods.normals.training.network import NormalNetwork  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
+from methods.normals.training.settings import FaultShares, TrainingSettings  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)
+NO_FAULTS = FaultShares(0, 0, 0, 0, 0, 0, 0)
 
 
 def toy(count=4, tilt_deg=25.0, seed=0):
@@ -57,17 +59,6 @@ def _small(monkeypatch):
 
 def silent(steps, line):
     pass
-
-
-def test_chord_is_twice_the_sine_of_half_the_angle():
-    angle = torch.tensor(0.7)
-    true = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, 4, 4)
-    turned = torch.stack([torch.sin(angle), torch.tensor(0.0), torch.cos(angle)])
-    predicted = 5.0 * turned.view(1, 3, 1, 1).expand(1, 3, 4, 4)
-    inside = torch.zeros(1, 1, 4, 4)
-    inside[..., :2] = 1.0
-    assert float(chord(predicted, true, inside)) == pytest.approx(2 * np.sin(0.35), abs=1e-4)
-    assert float(chord(predicted, true, 0 * inside)) == 0.0
 
 
 def test_it_learns_a_tilt(samples, tmp_path):
@@ -119,7 +110,7 @@ def test_mirrored_samples_are_mirrored_scenes(samples):
     plain = samples.at(range(4))
     for seed in range(20):
         draw = torch.Generator().manual_seed(seed)
-        batch = samples.drawn(4, SIZE, draw)
+        batch = samples.drawn(4, SIZE, draw, NO_FAULTS)
         for name in ("front", "back", "body_front", "body_back"):
             normals = getattr(batch, name)
             # Tilted backward, not sideways: a mirror leaves the tilt, and the mask's offset moves.
@@ -141,7 +132,7 @@ def test_a_mirror_turns_sideways_normals(tmp_path):
     samples = Samples.load([tmp_path / "side.npz"])
     signs = set()
     for seed in range(12):
-        batch = samples.drawn(1, SIZE, torch.Generator().manual_seed(seed))
+        batch = samples.drawn(1, SIZE, torch.Generator().manual_seed(seed), NO_FAULTS)
         mirrored = bool(batch.mask[0, 0, 16, 6] == 1)
         sign = float(batch.front[0, 0, 16, 16].sign())
         signs.add((mirrored, sign))
@@ -162,6 +153,6 @@ def test_files_of_other_sizes_or_kinds_are_refused(tmp_path):
 
 def test_a_cut_keeps_the_maps_together(samples):
     for seed in range(5):
-        batch = samples.drawn(4, 16, torch.Generator().manual_seed(seed))
+        batch = samples.drawn(4, 16, torch.Generator().manual_seed(seed), NO_FAULTS)
         assert batch.image.shape == (4, 3, SIZE, 16)
         assert torch.equal(batch.mask > 0, batch.body_front[:, 2:] != 0)

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.errors import DataError
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.hashing import file_sha256
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.data.manifest import load_manifest
 from harness.geometry.raycast import Raycaster
-from harness.geometry.window import Window
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
-from harness.pipeline.training.light import (
-    Lamp,
-    Light,
-    PhotoSize,
-    drawn_camera,
-    drawn_light,
-    photographed,
-)
+from harness.pipeline.training.light import Gloss, Light
 from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
 from harness.pipeline.training.samples import SampleSettings, make_samples, samples_key
+from harness.pipeline.training.sittings import sittings_of
+from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
 
 MANIFEST = """\
 schema: 1
@@ -136,24 +132,38 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
 
 
 @pytest.mark.slow
-def test_from_subjects_to_a_network_that_runs(source, tmp_path):
+def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     from methods.normals.onnx_estimator import OnnxNormals
-    from methods.normals.training.loop import TrainingSettings
+    from methods.normals.training.settings import TrainingSettings
 
     request = TrainingRequest(
-        source=source,
+        sources=(source,),
         samples=SETTINGS,
         training=TrainingSettings(steps=2, batch=1, judge_every=1),
-        directory=tmp_path,
+        directory=tmp_path / "first",
         held_out=1,
         jobs=1,
+        command="harness train normals --steps 2",
     )
-    result = train_normals(request, Silent())
-    estimator = OnnxNormals(result.network)
+    first = train_normals(request, Silent())
+    estimator = OnnxNormals(first.network)
     assert estimator.part.name == "open-normals"
     assert estimator.training_set == "bare p1"
-    assert result.curve.read_text().count("\n") == 3
-    assert 0 < result.front_deg < 90
+    assert first.curve.read_text().count("\n") == 3
+    assert 0 < first.front_deg < 90
+    again = replace(request, start=first.network, directory=tmp_path / "second")
+    second = train_normals(again, Silent())
+    both = sittings_of(second.network)
+    assert [sitting.start for sitting in both] == ["", file_sha256(first.network)]
+    assert [look.step for look in both[1].curve] == [1, 2]
+    page = second.provenance.read_text()
+    assert page.count("harness train normals --steps 2") == 2
+    assert "## Sitting 2" in page
+    # Neighbours in the curve: the second sitting goes on from where the first one ended.
+    assert abs(both[1].curve[0].front_deg - first.front_deg) < 5.0
+    turned = replace(source, subjects=("p2", "p1"))
+    with pytest.raises(HarnessError, match="p1 of bare cannot judge"):
+        train_normals(replace(again, sources=(turned,), directory=tmp_path / "third"), Silent())
 
 
 def test_a_scan_without_texture_cannot_be_photographed(source, tmp_path):
@@ -162,49 +172,16 @@ def test_a_scan_without_texture_cannot_be_photographed(source, tmp_path):
         make_samples(scan, mesh.geometry(), SETTINGS, tmp_path / "x.npz", lambda *_: None)
 
 
-def test_cameras_look_at_the_subject_as_methods_crop_it():
-    box = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.85, 0.85) for z in (-0.2, 0.2)])
-    draw = np.random.default_rng(0)
-    behind = 0
-    for _ in range(60):
-        camera = drawn_camera(box, PhotoSize(512, 320, 480), draw)
-        assert camera.size == (320, 480)
-        seen = Window.around_points(box, camera.cropped(-300, -300, 920, 1080), margin=0)
-        assert 0.80 * 512 < seen.height < 0.97 * 512
-        centre = (seen.left - 300 + seen.width / 2, seen.top - 300 + seen.height / 2)
-        np.testing.assert_allclose(centre, (160, 240), atol=16)
-        assert camera.K[0, 0] == pytest.approx(camera.K[1, 1], rel=0.01)
-        behind += camera.position[2] < 0
-    assert 15 < behind < 45
-
-
-def test_light_adds_up_and_noise_is_of_its_size():
-    even = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.0)
-    draw = np.random.default_rng(0)
-    np.testing.assert_allclose(photographed(np.full((4, 3), 0.214), even, draw), 0.5, atol=1e-3)
-    noisy = Light(np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.02)
-    assert photographed(np.full((9999, 3), 0.2), noisy, draw).std() == pytest.approx(0.02, rel=0.05)
-
-
-def test_lamps_stand_on_the_camera_s_side():
-    K = np.array([[500, 0, 250], [0, 500, 250], [0, 0, 1.0]])
-    camera = Camera(K, look_at((2.0, 0.3, -2.0), np.zeros(3)), 500, 500)
-    draw = np.random.default_rng(0)
-    lamps: list[Lamp] = [lamp for _ in range(40) for lamp in drawn_light(camera, draw).lamps]
-    centres = np.array([lamp.points.mean(axis=0) for lamp in lamps])
-    assert ((centres @ camera.forward) < 0.5).all()
-    assert (centres[:, 1] > 0).mean() > 0.7
-
-
 def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path):
     # Grey of 128 under light of 1 without lamps: nowhere brighter than itself.
     from harness.pipeline.training import samples as normal_samples
 
     scan, mesh = source.load("p1")
     studio = normal_samples._Studio(scan, mesh, 0)
-    light = Light(np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
-    camera = drawn_camera(mesh.vertices, PhotoSize(128, 96, 128), np.random.default_rng(1))
-    photo = studio._photo(camera, light, np.random.default_rng(1))
+    light = Light(np.ones(3), np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
+    draw = np.random.default_rng(1)
+    camera = drawn_camera(mesh.vertices, PhotoSize(128, 96, 128), draw)
+    photo = studio._photo(camera, studio._textures[0], light, Gloss(0.0, 1.0), draw)
     picture, mask = photo.rgb, photo.mask
     inner = mask & Raycaster(mesh).mask(camera)
     assert picture[inner].max() <= 128 / 255 + 1e-6

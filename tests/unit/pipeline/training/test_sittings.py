@@ -1,0 +1,72 @@
+"""What a network's file tells of its trainings."""
+
+import pytest
+
+from harness.core.errors import DataError, HarnessError
+from harness.pipeline.training.sittings import (
+    METADATA,
+    Sitting,
+    provenance,
+    sittings_of,
+    spans,
+    without_leaks,
+)
+from methods.normals.training.curve import Look
+
+FIRST = Sitting(
+    command="harness train normals --subjects t1..t4",
+    start="",
+    trained={"avatars-train": ("t00001", "t00002", "t00004")},
+    judged={"avatars-train": ("t00003",)},
+    datasets_version=8,
+    curve=(Look(100, 61.0, 0.5, 12.0, 13.0, 24.0, 25.0), Look(200, 120.0, 0.4, 11, 12.5, 24, 25)),
+)
+SECOND = Sitting(
+    "harness train normals --from a.onnx", "ab" * 32, {"b": ("x1",)}, {}, 8, FIRST.curve
+)
+
+
+def test_runs_of_ids_are_spans():
+    assert spans(("t00001", "t00002", "t00004")) == "t00001..t00002, t00004"
+    assert spans(("a01", "b02", "b03", "b01")) == "a01, b02..b03, b01"
+    assert spans(("person", "other")) == "person, other"
+    assert spans(()) == ""
+
+
+def test_a_sitting_comes_back_from_json():
+    assert Sitting.from_dict(FIRST.to_dict()) == FIRST
+
+
+def test_who_was_trained_on_cannot_judge_later():
+    without_leaks((FIRST,), {"avatars-train": ("t00003", "t00009"), "other": ("t00001",)})
+    with pytest.raises(HarnessError, match=r"t00002 of avatars-train cannot judge.*sitting 1"):
+        without_leaks((FIRST,), {"avatars-train": ("t00003", "t00002")})
+
+
+def test_the_page_tells_each_sitting():
+    page = provenance((FIRST, SECOND))
+    assert page.startswith("# Where `open-normals` comes from")
+    assert "saw 3 subjects: avatars-train t00001..t00002, t00004 (version 8)" in page
+    assert "only judged: avatars-train t00003." in page
+    assert f"from the network of sha256 `{'ab' * 32}`" in page
+    assert "| 200 | 2 | 0.4000 | 11.00 | 12.50 |" in page
+    assert "24.00 (front) and 25.00 (back)" in page
+
+
+def test_a_file_that_tells_nothing_or_nonsense(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    from onnx import TensorProto, helper
+
+    value = helper.make_tensor_value_info("x", TensorProto.FLOAT, [1])
+    graph = helper.make_graph([helper.make_node("Identity", ["x"], ["y"])], "g", [value], [value])
+    model = helper.make_model(graph)
+    path = tmp_path / "network.onnx"
+    onnx.save(model, path)
+    assert sittings_of(path) == ()
+    helper.set_model_props(model, {METADATA: '[{"command": 3}]'})
+    onnx.save(model, path)
+    with pytest.raises(DataError, match="does not say how it was trained"):
+        sittings_of(path)
+    path.write_bytes(b"\x00\x01")
+    with pytest.raises(DataError, match="not an ONNX network"):
+        sittings_of(path)
