@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from harness.core.array_files.npz import read_array_npz
 from harness.core.errors import DataError, HarnessError
@@ -17,6 +18,7 @@ from harness.data.avatars import AVATARS_VERSION
 from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
+from harness.pipeline.training.reliability import draw_reliability
 from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
 from harness.pipeline.training.sittings import (
@@ -28,6 +30,10 @@ from harness.pipeline.training.sittings import (
     without_leaks,
 )
 from methods.normals.training.settings import TrainingSettings
+
+if TYPE_CHECKING:
+    from methods.normals.training.loop import Trained
+    from methods.normals.training.samples import Samples
 
 __all__ = ["TrainingRequest", "TrainingResult", "ensure_samples", "train_normals"]
 
@@ -63,11 +69,24 @@ class TrainingRequest:
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """The network's file, what it comes from, and its errors on the held-out subjects, degrees."""
+    """The network's file, what lies beside it, and errors on the held-out subjects, degrees.
+
+    Attributes:
+        network: The ONNX file.
+        curve: How training went, CSV.
+        provenance: What the network was made from, Markdown.
+        calibration: Expected against true errors, PNG; a CSV lies beside it.
+        front_calibration_deg, back_calibration_deg: Mean distance between the two.
+        front_deg, back_deg: Mean errors of the normals.
+        body_front_deg, body_back_deg: Those of the bodies that the network was given.
+    """
 
     network: Path
     curve: Path
     provenance: Path
+    calibration: Path
+    front_calibration_deg: float
+    back_calibration_deg: float
     front_deg: float
     back_deg: float
     body_front_deg: float
@@ -88,22 +107,11 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         MissingPart: PyTorch or onnx is not installed.
     """
     # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
-    import torch
-
-    from methods.normals.training.export import export_network
-    from methods.normals.training.loop import judged, train
-    from methods.normals.training.network import Mirrored
+    from methods.normals.training.loop import train
     from methods.normals.training.samples import Samples
     from methods.normals.training.starting import started_from
 
-    for source in request.sources:
-        refuse(source.manifest, source.name, "training")
-        if not 0 < request.held_out < len(source.subjects):
-            raise HarnessError(
-                f"cannot hold out {request.held_out} of {len(source.subjects)} subjects "
-                f"of {source.name}",
-                expected="at least one to train on and one held out",
-            )
+    _check_sources(request)
     before = () if request.start is None else sittings_of(request.start)
     start = None if request.start is None else started_from(request.start)
     sha256 = "" if request.start is None else file_sha256(request.start)
@@ -128,12 +136,46 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         datasets_version=AVATARS_VERSION,
         curve=trained.looks,
     )
-    network, path = Mirrored(trained.network.cpu()), request.directory / "open-normals.onnx"
-    export_network(network, path, _about(request, (*before, sitting)))
-    page = request.directory / "PROVENANCE.md"
-    write_text(page, provenance((*before, sitting)))
-    angles = asdict(judged(network, judges, torch.device("cpu")))
-    return TrainingResult(network=path, curve=trained.curve, provenance=page, **angles)
+    return _written(request, trained, (*before, sitting), judges)
+
+
+def _check_sources(request: TrainingRequest) -> None:
+    for source in request.sources:
+        refuse(source.manifest, source.name, "training")
+        if not 0 < request.held_out < len(source.subjects):
+            raise HarnessError(
+                f"cannot hold out {request.held_out} of {len(source.subjects)} subjects "
+                f"of {source.name}",
+                expected="at least one to train on and one held out",
+            )
+
+
+def _written(
+    request: TrainingRequest, trained: Trained, sittings: Sequence[Sitting], judges: Samples
+) -> TrainingResult:
+    """The network's file and all that lies beside it."""
+    import torch
+
+    from methods.normals.training.calibration import measured, write_reliability
+    from methods.normals.training.export import export_network
+    from methods.normals.training.loop import judged
+    from methods.normals.training.network import Mirrored
+
+    folder = request.directory
+    network, path = Mirrored(trained.network.cpu()), folder / "open-normals.onnx"
+    export_network(network, path, _about(request, sittings))
+    write_text(folder / "PROVENANCE.md", provenance(sittings))
+    front, back = measured(network, judges)
+    write_reliability(folder / "calibration.csv", (front, back))
+    return TrainingResult(
+        network=path,
+        curve=trained.curve,
+        provenance=folder / "PROVENANCE.md",
+        calibration=draw_reliability((front, back), folder / "calibration.png"),
+        front_calibration_deg=front.calibration_error_deg,
+        back_calibration_deg=back.calibration_error_deg,
+        **asdict(judged(network, judges, torch.device("cpu"))),
+    )
 
 
 @dataclass(frozen=True, slots=True)

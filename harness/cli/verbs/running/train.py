@@ -130,7 +130,10 @@ def normals(
         return
     print(f"front {result.front_deg:.2f} deg (body {result.body_front_deg:.2f}), ", end="")
     print(f"back {result.back_deg:.2f} deg (body {result.body_back_deg:.2f}), held-out subjects")
-    print(f"{result.network}\n{result.curve}\n{result.provenance}")
+    print(f"expected errors are {result.front_calibration_deg:.2f} deg off in front, ", end="")
+    print(f"{result.back_calibration_deg:.2f} on the back")
+    for path in (result.network, result.curve, result.calibration, result.provenance):
+        print(path)
 
 
 def _sources(

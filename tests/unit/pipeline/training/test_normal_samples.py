@@ -151,6 +151,8 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     assert estimator.training_set == "bare p1"
     assert first.curve.read_text().count("\n") == 3
     assert 0 < first.front_deg < 90
+    assert 0 <= first.front_calibration_deg < 90
+    assert first.calibration.stat().st_size > 5000
     again = replace(request, start=first.network, directory=tmp_path / "second")
     second = train_normals(again, Silent())
     both = sittings_of(second.network)
