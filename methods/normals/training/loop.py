@@ -158,9 +158,7 @@ class _Run:
         draw = torch.Generator().manual_seed(
             derive_seed(self.settings.seed, "normal-step", self.step) % 2**31
         )
-        batch = samples.drawn(
-            self.settings.batch, self.settings.width_px, draw, self.settings.faults
-        ).to(self.device)
+        batch = samples.drawn(self.settings, draw).to(self.device)
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate * _rate(self.step / self.settings.steps)
         self.network.train()

@@ -13,13 +13,16 @@ from torch import Tensor
 from harness.core.array_files.npz import read_required_arrays
 from harness.core.errors import DataError
 from methods.normals.training.photo_faults import spoilt
-from methods.normals.training.settings import FaultShares
+from methods.normals.training.settings import FaultShares, TrainingSettings
+from methods.normals.training.turning import Placement, drawn_placement
 
 __all__ = ["Batch", "Samples"]
 
 _ARRAYS = ("rgb", "mask", "front", "back", "body_front", "body_back")
 _NORMALS = ("body_front", "body_back", "front", "back")
 _STEPS = 127.0
+#: A pixel of a turned mask is inside if so much of it is.
+_COVERED = 0.5
 #: Standard deviations of the logarithms of each colour's gain, and of the picture's exponent.
 _GAIN, _EXPONENT = 0.15, 0.2
 
@@ -90,28 +93,22 @@ class Samples:
         """The samples at some indices, as they are."""
         return self._batch(torch.as_tensor(list(indices)), slice(None))
 
-    def drawn(
-        self,
-        count: int,
-        width: int,
-        draw: torch.Generator,
-        faults: FaultShares,
-    ) -> Batch:
-        """Some samples with varied colours and a camera's faults, half of them mirrored.
+    def drawn(self, settings: TrainingSettings, draw: torch.Generator) -> Batch:
+        """Some samples with varied colours and a camera's faults, turned, half of them mirrored.
 
         Args:
-            count: Number of samples.
-            width: Columns of them that are kept, at random.
+            settings: Their number, how many of their columns are kept, and what varies how much.
             draw: Source of randomness.
-            faults: How often cameras and masks are at fault.
         """
+        count, width = settings.batch, settings.width_px
         rows = torch.randint(len(self), (count,), generator=draw)
         whole = self._arrays["mask"].shape[2]
         width = min(width, whole)
         left = int(torch.randint(whole - width + 1, (1,), generator=draw))
         batch = self._batch(rows, slice(left, left + width))
+        batch = _placed(batch, drawn_placement(count, settings.turning, draw))
         batch = replace(batch, image=_recoloured(batch.image, batch.mask, draw))
-        batch = _photographed(batch, draw, faults)
+        batch = _photographed(batch, draw, settings.faults)
         mirrored = torch.rand(count, generator=draw) < 0.5
         return Batch(
             *(
@@ -157,6 +154,23 @@ def _recoloured(image: Tensor, mask: Tensor, draw: torch.Generator) -> Tensor:
     mixed = torch.stack([picture[rows] for picture, rows in zip(image, order, strict=True)])
     light = ((mixed + 1.0) / 2.0 * gain).clamp(1e-4, 1.0) ** exponent
     return (2.0 * light - 1.0) * mask
+
+
+def _placed(batch: Batch, place: Placement) -> Batch:
+    """The batch turned and enlarged."""
+    # Light adds up where colours blend, beside the subject with black.
+    light = (batch.image + batch.mask) / 2.0
+    normals = [getattr(batch, name) for name in _NORMALS]
+    light, mask, *normals = place.moved(
+        [light, batch.mask, *normals], turning=[False, False, *[True] * len(normals)]
+    )
+    mask = (mask >= _COVERED).float()
+    found = dict(zip(_NORMALS, normals, strict=True))
+    inside = {
+        f"{side}_inside": mask * (found[side].abs().sum(1, keepdim=True) > 0)
+        for side in ("front", "back")
+    }
+    return Batch(image=(2.0 * light - 1.0) * mask, mask=mask, **found, **inside)
 
 
 def _photographed(batch: Batch, draw: torch.Generator, faults: FaultShares) -> Batch:

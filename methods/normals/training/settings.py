@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["FaultShares", "LossWeights", "TrainingSettings"]
+__all__ = ["FaultShares", "LossWeights", "TrainingSettings", "Turning"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +47,21 @@ class FaultShares:
 
 
 @dataclass(frozen=True, slots=True)
+class Turning:
+    """How samples are turned and enlarged in the picture's plane.
+
+    Attributes:
+        share: Share of the pictures that are moved at all.
+        angle_deg: Standard deviation of the turns.
+        zoom: Standard deviation of the logarithm of the enlargement.
+    """
+
+    share: float = 0.6
+    angle_deg: float = 10.0
+    zoom: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
 class TrainingSettings:
     """How a network is trained.
 
@@ -60,6 +75,7 @@ class TrainingSettings:
         seed: Seed of weights, order and augmentation.
         losses: Factors of the parts of the loss.
         faults: How often cameras and masks are at fault.
+        turning: How samples are turned and enlarged.
         start: Content id of the weights that training starts from; empty for random ones.
     """
 
@@ -72,4 +88,5 @@ class TrainingSettings:
     seed: int = 0
     losses: LossWeights = field(default_factory=LossWeights)
     faults: FaultShares = field(default_factory=FaultShares)
+    turning: Turning = field(default_factory=Turning)
     start: str = ""

@@ -8,7 +8,11 @@ torch = pytest.importorskip("torch")
 
 from methods.normals.training.photo_faults import spoilt  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
-from methods.normals.training.settings import FaultShares  # noqa: E402
+from methods.normals.training.settings import (  # noqa: E402
+    FaultShares,
+    TrainingSettings,
+    Turning,
+)
 
 NONE = FaultShares(0, 0, 0, 0, 0, 0, 0)
 SIZE = 40
@@ -100,7 +104,10 @@ def test_nothing_is_asked_where_nothing_is_seen():
     }
     samples = Samples(arrays, ["toy"])
     draw = torch.Generator().manual_seed(0)
-    batch = samples.drawn(6, 20, draw, replace(NONE, cut=1.0, rim=1.0))
+    settings = TrainingSettings(
+        batch=6, width_px=20, faults=replace(NONE, cut=1.0, rim=1.0), turning=Turning(0.0)
+    )
+    batch = samples.drawn(settings, draw)
     for inside in (batch.front_inside, batch.back_inside):
         assert not inside[batch.mask == 0].any()
         assert not inside[:, :, :4].any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,11 +15,13 @@ from methods.normals.training import loop  # noqa: E402
 from methods.normals.training.loop import judged, train  # noqa: E402
 from methods.normals.training.network import NormalNetwork  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
-from methods.normals.training.settings import FaultShares, TrainingSettings  # noqa: E402
+from methods.normals.training.settings import FaultShares, TrainingSettings, Turning  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)
-NO_FAULTS = FaultShares(0, 0, 0, 0, 0, 0, 0)
+STILL = replace(
+    SETTINGS, faults=FaultShares(0, 0, 0, 0, 0, 0, 0), turning=Turning(0.0), width_px=SIZE
+)
 
 
 def toy(count=4, tilt_deg=25.0, seed=0):
@@ -110,7 +113,7 @@ def test_mirrored_samples_are_mirrored_scenes(samples):
     plain = samples.at(range(4))
     for seed in range(20):
         draw = torch.Generator().manual_seed(seed)
-        batch = samples.drawn(4, SIZE, draw, NO_FAULTS)
+        batch = samples.drawn(replace(STILL, batch=4), draw)
         for name in ("front", "back", "body_front", "body_back"):
             normals = getattr(batch, name)
             # Tilted backward, not sideways: a mirror leaves the tilt, and the mask's offset moves.
@@ -132,7 +135,7 @@ def test_a_mirror_turns_sideways_normals(tmp_path):
     samples = Samples.load([tmp_path / "side.npz"])
     signs = set()
     for seed in range(12):
-        batch = samples.drawn(1, SIZE, torch.Generator().manual_seed(seed), NO_FAULTS)
+        batch = samples.drawn(replace(STILL, batch=1), torch.Generator().manual_seed(seed))
         mirrored = bool(batch.mask[0, 0, 16, 6] == 1)
         sign = float(batch.front[0, 0, 16, 16].sign())
         signs.add((mirrored, sign))
@@ -153,6 +156,8 @@ def test_files_of_other_sizes_or_kinds_are_refused(tmp_path):
 
 def test_a_cut_keeps_the_maps_together(samples):
     for seed in range(5):
-        batch = samples.drawn(4, 16, torch.Generator().manual_seed(seed), NO_FAULTS)
+        batch = samples.drawn(
+            replace(STILL, batch=4, width_px=16), torch.Generator().manual_seed(seed)
+        )
         assert batch.image.shape == (4, 3, SIZE, 16)
         assert torch.equal(batch.mask > 0, batch.body_front[:, 2:] != 0)
