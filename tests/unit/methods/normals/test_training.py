@@ -96,6 +96,21 @@ def test_a_stopped_training_goes_on_to_the_same_network(samples, tmp_path, monke
         assert [int(row["step"]) for row in csv.DictReader(stream)] == [2, 4, 6]
 
 
+def test_a_repeated_training_gives_the_same_weights(samples, tmp_path):
+    start = NormalNetwork(8, (16, 16, 16, 16)).state_dict()
+    first, second = (
+        train(samples, samples, SETTINGS, tmp_path / name, silent, start) for name in "ab"
+    )
+    other = train(samples, samples, replace(SETTINGS, seed=1), tmp_path / "c", silent, start)
+    for mine, yours in zip(first.network.parameters(), second.network.parameters(), strict=True):
+        assert torch.equal(mine, yours)
+    differ = [
+        not torch.equal(mine, yours)
+        for mine, yours in zip(first.network.parameters(), other.network.parameters(), strict=True)
+    ]
+    assert any(differ)
+
+
 def test_another_training_is_not_gone_on_with(samples, tmp_path):
     train(samples, samples, SETTINGS, tmp_path, silent)
     other = TrainingSettings(steps=6, batch=2, judge_every=2, rate=1e-3)

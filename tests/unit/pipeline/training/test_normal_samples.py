@@ -139,11 +139,11 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     request = TrainingRequest(
         sources=(source,),
         samples=SETTINGS,
-        training=TrainingSettings(steps=2, batch=1, judge_every=1),
+        training=TrainingSettings(steps=20, batch=1, judge_every=10),
         directory=tmp_path / "first",
         held_out=1,
         jobs=1,
-        command="harness train normals --steps 2",
+        command="harness train normals --steps 20",
     )
     first = train_normals(request, Silent())
     estimator = OnnxNormals(first.network)
@@ -153,13 +153,18 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     assert 0 < first.front_deg < 90
     assert 0 <= first.front_calibration_deg < 90
     assert first.calibration.stat().st_size > 5000
-    again = replace(request, start=first.network, directory=tmp_path / "second")
+    again = replace(
+        request,
+        start=first.network,
+        training=replace(request.training, steps=2, judge_every=1),
+        directory=tmp_path / "second",
+    )
     second = train_normals(again, Silent())
     both = sittings_of(second.network)
     assert [sitting.start for sitting in both] == ["", file_sha256(first.network)]
     assert [look.step for look in both[1].curve] == [1, 2]
     page = second.provenance.read_text()
-    assert page.count("harness train normals --steps 2") == 2
+    assert page.count("harness train normals --steps 20") == 2
     assert "## Sitting 2" in page
     # Neighbours in the curve: the second sitting goes on from where the first one ended.
     assert abs(both[1].curve[0].front_deg - first.front_deg) < 5.0
