@@ -2,5 +2,6 @@
 
 Read ``network``, ``losses``, ``optimiser`` and ``loop``. ``samples`` draws what the network sees,
 which ``photo_faults`` and ``turning`` vary; ``export`` writes the file that methods use,
-``starting`` reads its weights again, and ``calibration`` compares its expected errors with the true ones.
+``starting`` reads its weights again, and ``calibration`` compares its expected errors with the true
+ones.
 """
