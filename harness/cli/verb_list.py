@@ -27,7 +27,7 @@ VERBS = {
     "report": "Print a table of a run, draw a figure, or write a page.",
     "results": "Hand results in, score them again, and put them on a board.",
     "check": "Compare the numbers of a run with a stored baseline.",
-    "data": "List, check, make and show the data.",
+    "data": "List, check, add, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
     "train": "Train the open networks.",
     "parts": "List, import and verify the parts that you bring.",

@@ -28,6 +28,7 @@ __all__ = [
     "Split",
     "SubjectClass",
     "default_manifest_path",
+    "installed_manifest_path",
     "load_manifest",
     "subject_range",
 ]
@@ -79,8 +80,8 @@ class Dataset(_Strict):
 
     Attributes:
         title: Name in tables.
-        kind: ``generated`` is made here; ``thuman`` is the user's own licensed copy; ``captures``
-            are imported photos without scans.
+        kind: ``generated`` is made here; ``thuman`` is the user's own licensed copy; ``scans`` are
+            others of the user's, without fits; ``captures`` are imported photos without scans.
         licence: Licence of the scans.
         root: Folder; ``${VARIABLE}`` is taken from the environment, relative paths from the
             workspace.
@@ -99,7 +100,7 @@ class Dataset(_Strict):
     """
 
     title: str
-    kind: Literal["generated", "thuman", "captures"]
+    kind: Literal["generated", "thuman", "scans", "captures"]
     licence: str
     root: str
     scale: Annotated[str, BeforeValidator(_scale_rule)]
@@ -344,12 +345,14 @@ def default_manifest_path() -> Path:
     """
     if named := os.environ.get("HARNESS_MANIFEST"):
         return Path(named)
+    own, installed = Path("data_manifest.yaml"), installed_manifest_path()
+    return installed if installed.is_file() and not own.is_file() else own
+
+
+def installed_manifest_path() -> Path:
+    """The manifest of the source checkout, or the one inside the installed package."""
     here = Path(__file__).resolve()
-    candidates = (
-        Path("data_manifest.yaml"),
-        here.parents[2] / "data_manifest.yaml",
-        here.parent / "data_manifest.yaml",
-    )
+    candidates = (here.parents[2] / "data_manifest.yaml", here.parent / "data_manifest.yaml")
     return next((path for path in candidates if path.is_file()), candidates[0])
 
 

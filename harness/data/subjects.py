@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from harness.core.artifacts import Scan
 from harness.core.mesh import Mesh
+from harness.data.scan_files import check_scan
 from harness.data.scans import load_scan, locate_scan
 from harness.data.thuman import FileCheck, check_subject
 from harness.data.thuman_scans import load_thuman, locate_thuman
@@ -20,6 +21,8 @@ __all__ = ["check_files", "fit_of", "load_subject", "locate_subject"]
 
 #: The kind of a user's own licensed copy of THuman.
 _THUMAN = "thuman"
+#: The kind of a user's other scans.
+_SCANS = "scans"
 
 
 def locate_subject(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
@@ -47,6 +50,8 @@ def check_files(
     dataset: Dataset, root: Path, subject: str, sha256: Mapping[str, str]
 ) -> list[FileCheck]:
     """What of a subject is there, by file, compared with checksums where there are any."""
+    if dataset.kind == _SCANS:
+        return check_scan(root, subject, sha256=sha256)
     check = check_thuman if dataset.kind == _THUMAN else check_subject
     needs_fit = "fit" in (dataset.scale, dataset.facing)
     return check(root, subject, needs_fit=needs_fit, sha256=sha256)

@@ -24,6 +24,8 @@ from harness.cli.output import deliver, print_json, print_outcomes
 from harness.cli.verb_list import verb_group
 from harness.data.croissant import Publication, croissant_document
 from harness.data.manifest import load_manifest
+from harness.pipeline.adding.adding import add_dataset
+from harness.pipeline.adding.request import UNSTATED_LICENCE, Added, AddRequest
 from harness.pipeline.inputs.captures import make_avatars, show_avatar
 from harness.pipeline.inputs.inventory import check_tree, overview
 from harness.pipeline.inputs.sources import Source
@@ -33,6 +35,42 @@ __all__ = ["app"]
 
 app = verb_group("data")
 _MARKS = {"present": "ok", "missing": "MISSING", "corrupt": "CORRUPT"}
+
+Scale = Annotated[
+    str,
+    typer.Option(
+        "--scale",
+        metavar="RULE",
+        help="What the files' units are: metres, cm, mm, height=1.75 (metres, for every scan), "
+        "units (kept as they are), or fit where there are SMPL-X fits.",
+    ),
+]
+Facing = Annotated[
+    str,
+    typer.Option(
+        "--facing",
+        metavar="WHERE",
+        help="Where people look once they stand: +z, -z, +x, -x, degrees from +z towards +x, "
+        "ID=DEGREES,... for each, or fit where there are SMPL-X fits.",
+    ),
+]
+Up = Annotated[
+    str,
+    typer.Option(
+        "--up",
+        metavar="AXIS",
+        help="Which axis of the files points up, such as +y or +z. Default: +y for GLB files and "
+        "for trees as THuman's, which say so.",
+    ),
+]
+Licence = Annotated[
+    str,
+    typer.Option(
+        "--licence",
+        metavar="TEXT",
+        help=f"Licence of the scans or photos. Default: {UNSTATED_LICENCE}.",
+    ),
+]
 
 DatasetName = Annotated[
     str, typer.Argument(metavar="DATASET", help="Dataset or split, as in the manifest.")
@@ -79,6 +117,88 @@ def check_dataset(
         print(tree.summary)
     if not tree.complete:
         raise typer.Exit(1)
+
+
+@app.command("add")
+def add(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the new dataset.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with scans or captures.")],
+    scale: Scale = "",
+    facing: Facing = "",
+    up: Up = "",
+    title: Annotated[
+        str, typer.Option("--title", metavar="TEXT", help="Title in tables. Default: NAME.")
+    ] = "",
+    licence: Licence = "",
+    subjects: Subjects = "",
+    grey: Annotated[
+        bool, typer.Option("--grey", help="Make scans grey that have no colours.")
+    ] = False,
+    copy: Annotated[
+        bool,
+        typer.Option(
+            "--copy", help="Convert a tree as THuman's, too, and do not read it in place."
+        ),
+    ] = False,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Leave out subjects that cannot be used.")
+    ] = False,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace an entry that this command wrote.")
+    ] = False,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Add a folder of scans or captures to the manifest, after a check of every subject.
+
+    Layouts: a tree as THuman's, mesh files (OBJ, PLY, GLB) side by side or each in a folder, and
+    captures. The exit code is 1 when a subject cannot be used; nothing is added then.
+    """
+    request = AddRequest(
+        name=name,
+        folder=folder,
+        workspace=Workspace.default(workspace),
+        manifest=manifest,
+        subjects=split_names(subjects),
+        scale=scale,
+        facing=facing,
+        up=up,
+        title=title,
+        licence=licence,
+        grey=grey,
+        copy=copy,
+        replace=replace,
+        skip_bad=skip_bad,
+    )
+    with shown_progress(quiet=as_json) as progress:
+        added = add_dataset(request, progress)
+    if as_json:
+        print_json(added.to_dict())
+    else:
+        _print_added(added)
+    if not added.written:
+        raise typer.Exit(1)
+
+
+def _print_added(added: Added) -> None:
+    print(f"{added.name}: {added.layout}; {added.rules}")
+    for each in added.subjects:
+        print(
+            f"  {'FAILED' if each.failure else 'ok':8} {each.subject}: {each.failure or each.note}"
+        )
+        for warning in each.warnings:
+            print(f"           warning: {warning}")
+    if not added.written:
+        print(f"Nothing was added: {len(added.failed)} of {len(added.subjects)} subjects cannot be "
+              "used. Mend them, or leave them out with --skip-bad")  # fmt: skip
+        return
+    if added.failed:
+        print(f"Left out: {', '.join(each.subject for each in added.failed)}")
+    new = ", which is new: a copy of the installed manifest" if added.created else ""
+    print(f"Added '{added.name}' to {added.manifest}{new}")
+    print(f"Next: harness data check {added.name}")
+    print(f"      harness eval --method hull8 --dataset {added.name}")
 
 
 @app.command("show")

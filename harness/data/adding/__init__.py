@@ -1,0 +1,1 @@
+"""Folders of a user's own scans: what lies in them, and how it becomes a dataset."""

@@ -1,0 +1,217 @@
+"""A folder of scans or captures becomes a dataset: found, converted, checked, written down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.atomic import exclusive_lock, remove_leftovers
+from harness.core.files.names import checked_name
+from harness.core.units import UNITS_RULE
+from harness.data.adding.converted import Conversion, convert_scan, is_converted
+from harness.data.adding.layouts import FoundFolder, Layout, find_layout
+from harness.data.manifest import Dataset
+from harness.data.subjects import load_subject
+from harness.geometry.images import load_rgb
+from harness.pipeline.adding.captures import copied_capture
+from harness.pipeline.adding.entry import check_name, manifest_to_write, write_entry
+from harness.pipeline.adding.request import UNSTATED_LICENCE, Added, AddRequest, CheckedSubject
+from harness.pipeline.adding.rules import Rules, rules_of
+from harness.pipeline.progress import Progress
+
+__all__ = ["add_dataset"]
+
+#: A person whose height is less than this share of the longest side probably lies.
+_LYING = 0.6
+
+
+def add_dataset(request: AddRequest, progress: Progress) -> Added:
+    """Add a dataset to the manifest, if all its subjects are sound.
+
+    Scans in a tree as THuman's are read where they lie; others are converted, and captures copied,
+    into the workspace. What a command that was stopped had done is kept.
+
+    Raises:
+        HarnessError: the name is taken, or an option is missing or at odds with the folder.
+        DataError: the folder has no known layout, or more than one.
+    """
+    checked_name("dataset", request.name)
+    manifest = manifest_to_write(request.manifest)
+    check_name(manifest, request.name, replace=request.replace)
+    found = find_layout(request.folder).only(request.subjects)
+    added = _captures if found.layout is Layout.captures else _scans
+    dataset, checked, words = added(found, request, progress)
+    sound = tuple(each.subject for each in checked if not each.failure)
+    is_complete = len(sound) == len(checked) or request.skip_bad
+    written = bool(sound) and is_complete
+    created = written and write_entry(
+        manifest, request.name, _only(dataset, sound), replace=request.replace
+    )
+    return Added(
+        request.name, found.layout.value, dataset.kind, dataset.root, words, checked, manifest,
+        created, written,
+    )  # fmt: skip
+
+
+Found = tuple[Dataset, tuple[CheckedSubject, ...], str]
+
+
+def _scans(found: FoundFolder, request: AddRequest, progress: Progress) -> Found:
+    rules = rules_of(found, request)
+    if rules.conversion is None:
+        dataset = _dataset(request, rules, found, _root(found.root, request))
+        return (
+            dataset,
+            _each(found, progress, _Check(request.name, dataset, found.root)),
+            (f"{rules.words}; read where they lie"),
+        )
+    place = request.workspace.root / "data" / request.name
+    _check_apart(found.root, place)
+    dataset = _dataset(request, rules, found, f"data/{request.name}")
+    convert = _Convert(
+        _Check(request.name, dataset, place), place / "model", found.subjects, rules.conversion
+    )
+    with _held(place):
+        return dataset, _each(found, progress, convert), rules.words
+
+
+def _captures(found: FoundFolder, request: AddRequest, progress: Progress) -> Found:
+    given = [f"--{name}" for name in ("scale", "facing", "up", "grey", "copy")
+             if getattr(request, name)]  # fmt: skip
+    if given:
+        raise HarnessError(
+            f"captures have a world of their own and take no {', '.join(given)}",
+            hint="Leave these options out",
+        )
+    place = request.workspace.root / "captures" / request.name
+    _check_apart(found.root, place)
+
+    def check(subject: str) -> CheckedSubject:
+        note = copied_capture(found.subjects[subject], request, subject)
+        return CheckedSubject(subject, note)
+
+    dataset = Dataset(
+        title=request.title or request.name,
+        kind="captures",
+        licence=request.licence or UNSTATED_LICENCE,
+        root=f"captures/{request.name}",
+        scale="metres",
+        facing="+z",
+    )
+    with _held(place):
+        return dataset, _each(found, progress, check), "copied"
+
+
+def _each(
+    found: FoundFolder, progress: Progress, check: Callable[[str], CheckedSubject]
+) -> tuple[CheckedSubject, ...]:
+    """Every subject's check; one that fails does not stop the others."""
+    progress.expect("subjects", len(found.subjects))
+    checked: list[CheckedSubject] = []
+    for subject in found.subjects:
+        try:
+            checked.append(check(subject))
+        except HarnessError as error:
+            checked.append(CheckedSubject(subject, failure=str(error)))
+        progress.done("subjects")
+    return tuple(checked)
+
+
+@dataclass(frozen=True, slots=True)
+class _Check:
+    """Loads a subject as everything else will."""
+
+    name: str
+    dataset: Dataset
+    root: Path
+
+    def __call__(self, subject: str) -> CheckedSubject:
+        try:
+            scan, mesh = load_subject(self.name, self.dataset, self.root, subject)
+        except DataError as error:
+            # Its hints are about an entry that is in the manifest already.
+            hint = "Give another --scale" if " m high " in error.what else ""
+            raise DataError(
+                error.what, expected=error.expected, got=error.got, hint=hint
+            ) from error
+        assert mesh.texture is not None
+        rows, columns = load_rgb(mesh.texture).shape[:2]
+        high = float(mesh.extent[1])
+        unit = "units" if self.dataset.scale == UNITS_RULE else "m"
+        note = f"{high:.2f} {unit} high, {len(mesh.faces)} faces, texture {columns} x {rows}"
+        return CheckedSubject(subject, note, (*scan.warnings, *_lies(mesh.extent.tolist())))
+
+
+def _lies(sides: list[float]) -> tuple[str, ...]:
+    if sides[1] >= _LYING * max(sides):
+        return ()
+    shown = " x ".join(f"{side:.2f}" for side in sides)
+    return (f"measures {shown}, so that it may lie: is --up right?",)
+
+
+@dataclass(frozen=True, slots=True)
+class _Convert:
+    """Converts a subject unless that was done, then checks it."""
+
+    check: _Check
+    place: Path
+    sources: Mapping[str, Path]
+    conversion: Conversion
+
+    def __call__(self, subject: str) -> CheckedSubject:
+        source, directory = self.sources[subject], self.place / subject
+        if not is_converted(source, self.conversion, directory):
+            remove_leftovers(directory)
+            convert_scan(source, self.conversion, directory)
+        return self.check(subject)
+
+
+def _dataset(request: AddRequest, rules: Rules, found: FoundFolder, root: str) -> Dataset:
+    return Dataset(
+        title=request.title or request.name,
+        kind=rules.kind,
+        licence=request.licence or UNSTATED_LICENCE,
+        root=root,
+        scale=rules.scale,
+        facing=rules.facing,
+        subjects=tuple(found.subjects),
+    )
+
+
+def _only(dataset: Dataset, subjects: tuple[str, ...]) -> Dataset:
+    """The same dataset with some of its subjects; that of captures lists none."""
+    if dataset.kind == "captures":
+        return dataset
+    facing = dataset.facing
+    if isinstance(facing, dict):
+        facing = {subject: facing[subject] for subject in subjects}
+    return dataset.model_copy(update={"subjects": subjects, "facing": facing})
+
+
+def _root(folder: Path, request: AddRequest) -> str:
+    """The folder as the manifest has it: relative to the workspace if it lies there."""
+    if "${" in str(folder):
+        raise HarnessError(
+            f"{folder} has '${{' in its name, which a manifest reads as a variable",
+            hint="Rename the folder",
+        )
+    if folder.is_relative_to(request.workspace.root):
+        return str(folder.relative_to(request.workspace.root))
+    return str(folder)
+
+
+def _check_apart(folder: Path, place: Path) -> None:
+    """Refuse to write into what is read."""
+    if folder.is_relative_to(place) or place.is_relative_to(folder):
+        raise HarnessError(
+            f"{folder} and {place}, where the dataset is kept, lie one inside the other",
+            hint="Move the folder elsewhere, or choose another name or --workspace",
+        )
+
+
+def _held(place: Path) -> AbstractContextManager[None]:
+    """A lock, so that two commands do not write the same dataset at once."""
+    return exclusive_lock(place.parent / f".{place.name}.lock")

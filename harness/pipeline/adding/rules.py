@@ -1,0 +1,196 @@
+"""How a user's scans become metres: the options of ``harness data add``, never guessed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from harness.core.errors import DataError, HarnessError
+from harness.core.formats.mesh_files import load_mesh
+from harness.core.units import UNITS_RULE
+from harness.data.adding.converted import UPS, Conversion
+from harness.data.adding.layouts import FoundFolder, Layout
+from harness.data.thuman_trees import find_thuman
+from harness.pipeline.adding.request import AddRequest
+
+__all__ = ["Rules", "rules_of"]
+
+#: Metres of the units that a file may be in.
+_METRES = {"metres": 1.0, "cm": 0.01, "mm": 0.001}
+_HEIGHT = re.compile(r"height=(\d+(?:\.\d+)?)")
+_PERSON_M = (1.0, 2.2)
+#: Degrees from +Z towards +X, once the scan stands.
+_YAWS_DEG = {"+z": 0.0, "+x": 90.0, "-z": 180.0, "-x": -90.0}
+_FIT, _Y_UP = "fit", "+y"
+
+Facing = Literal["+z", "fit"] | dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How scans are placed.
+
+    Attributes:
+        kind: The dataset's kind.
+        scale: The manifest's rule.
+        facing: The manifest's rule.
+        conversion: How scans are converted; None where they are read where they lie.
+        words: All of it for people.
+    """
+
+    kind: Literal["thuman", "scans"]
+    scale: str
+    facing: Facing
+    conversion: Conversion | None
+    words: str
+
+
+def rules_of(found: FoundFolder, request: AddRequest) -> Rules:
+    """The rules for a folder of scans.
+
+    Raises:
+        HarnessError: an option that is missing, of another form, or at odds with the folder; a
+            missing one is answered with the size of the first scan.
+    """
+    in_place = found.layout is Layout.tree and not request.copy
+    has_fits = in_place and _has_fits(found)
+    scale = request.scale or (_FIT if has_fits else "")
+    facing = request.facing or (_FIT if has_fits else "")
+    up = (request.up or _default_up(found)).lower()
+    _check_options(scale, up, _FIT in (scale, facing) and not has_fits)
+    _check_given(found, scale, facing, up)
+    if in_place and (up != _Y_UP or scale in ("cm", "mm") or request.grey):
+        raise HarnessError(
+            "a tree as THuman's is read where it lies: upright, in its units, with its textures",
+            got=f"--up {up}, --scale {scale}{', --grey' if request.grey else ''}",
+            hint="Add --copy to convert it into the workspace",
+        )
+    if scale == UNITS_RULE and up != _Y_UP:
+        raise HarnessError(
+            "--scale units keeps the scans' own axes, which have to be +Y up", got=f"--up {up}"
+        )
+    rule = "metres" if scale in _METRES else scale
+    height = _HEIGHT.fullmatch(scale)
+    conversion = None
+    if not in_place:
+        metres = float(height[1]) if height else 0.0
+        conversion = Conversion(up, metres, _METRES.get(scale, 1.0), request.grey)
+    kind = "thuman" if has_fits else "scans"
+    words = f"up {up}, scale {scale}, facing {facing}"
+    return Rules(kind, rule, _facing(facing, tuple(found.subjects)), conversion, words)
+
+
+def _has_fits(found: FoundFolder) -> bool:
+    return any(find_thuman(found.root, subject).fit for subject in found.subjects)
+
+
+def _default_up(found: FoundFolder) -> str:
+    """+y where the layout or the format says so: a tree as THuman's, and GLB."""
+    all_glb = all(path.suffix.lower() == ".glb" for path in found.subjects.values())
+    return _Y_UP if found.layout is Layout.tree or all_glb else ""
+
+
+def _check_options(scale: str, up: str, wants_fit: bool) -> None:
+    if scale and scale not in (*_METRES, UNITS_RULE, _FIT) and not _is_height(scale):
+        raise HarnessError(
+            f"--scale {scale} is no rule",
+            expected="metres, cm, mm, height=<metres>, units, or fit where there are fits",
+        )
+    if up and up not in UPS:
+        raise HarnessError(f"--up {up} is no axis", expected=", ".join(UPS))
+    if wants_fit:
+        raise HarnessError(
+            "the rule 'fit' needs SMPL-X fits beside scans that are read where they lie",
+            expected="smplx_param.pkl below the folder or in a folder beside it, and no --copy",
+            hint="Give --scale and --facing by other rules",
+        )
+
+
+def _is_height(scale: str) -> bool:
+    match = _HEIGHT.fullmatch(scale)
+    return match is not None and 0.3 <= float(match[1]) <= 3.0
+
+
+def _check_given(found: FoundFolder, scale: str, facing: str, up: str) -> None:
+    """Answer missing options with what the first scan measures."""
+    given = {"--up": up, "--scale": scale, "--facing": facing}
+    missing = [option for option, value in given.items() if not value]
+    if not missing:
+        return
+    subject, path = next(iter(found.subjects.items()))
+    extent = load_mesh(path).extent
+    sides = " x ".join(f"{side:.4g}" for side in extent)
+    high = float(extent["xyz".index(up[1])] if up else extent.max())
+    advice = {
+        "--up": f"--up is the axis of the files that points up, one of {', '.join(UPS)}; the "
+        f"longest side is along {'xyz'[int(np.argmax(extent))]}",
+        "--scale": f"--scale: {_scale_advice(high)}",
+        "--facing": "--facing is where people look in the files once they stand: +z, or degrees "
+        "from there towards +x",
+    }
+    raise HarnessError(
+        f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing and never guessed",
+        got=f"scan '{subject}' measures {sides} units along x, y and z",
+        hint=". ".join(advice[option] for option in missing),
+    )
+
+
+def _scale_advice(high: float) -> str:
+    """Which rules make a person of a scan so many units high."""
+    low, most = _PERSON_M
+    fitting = [
+        f"{name} makes it {high * metres:.2f} m high"
+        for name, metres in _METRES.items()
+        if low <= high * metres <= most
+    ]
+    return ", ".join([*fitting, "height=1.75 makes every scan 1.75 m high"])
+
+
+def _facing(text: str, subjects: Sequence[str]) -> Facing:
+    if text in ("+z", _FIT):
+        return text
+    if "=" not in text:
+        yaw = _degrees(text)
+        return dict.fromkeys(subjects, yaw)
+    pairs = dict(_pair(part) for part in text.split(","))
+    _check_names(pairs, subjects)
+    return {subject: pairs[subject] for subject in subjects}
+
+
+def _pair(part: str) -> tuple[str, float]:
+    subject, _, yaw = part.partition("=")
+    return subject.strip(), _degrees(yaw)
+
+
+def _check_names(pairs: Mapping[str, float], subjects: Sequence[str]) -> None:
+    without = [subject for subject in subjects if subject not in pairs]
+    unknown = [subject for subject in pairs if subject not in subjects]
+    if without or unknown:
+        raise HarnessError(
+            "--facing has to name each subject once",
+            expected=f"id=degrees for {', '.join(subjects[:5])}",
+            got=f"none for {', '.join(without[:5])}"
+            if without
+            else f"unknown {', '.join(unknown[:5])}",
+        )
+
+
+def _degrees(text: str) -> float:
+    word = text.strip().lower()
+    if word in _YAWS_DEG:
+        return _YAWS_DEG[word]
+    try:
+        yaw = float(word)
+    except ValueError:
+        yaw = math.nan
+    if not -360.0 <= yaw <= 360.0:
+        raise DataError(
+            f"--facing {text} cannot be read",
+            expected="+z, -z, +x, -x, degrees from +z towards +x, id=degrees,..., or fit",
+        )
+    return yaw
