@@ -76,7 +76,7 @@ class NormalChoice:
         kind: ``body``, ``oracle``, ``open`` (the network that is shipped), ``econ`` (ECON's own,
             imported with ``harness parts import econ-normal``) or ``onnx`` (another).
         model: For ``onnx``: a file, which has a slash or ends in ``.onnx``, or the name of a
-            network that was imported with ``harness parts import normals-onnx``.
+            network that was imported with ``harness parts import normals-onnx`` or is shipped.
 
     Raises:
         HarnessError: another kind; ``onnx`` without a network, or a network without ``onnx``.
@@ -152,5 +152,5 @@ class NormalChoice:
         if self.kind == "open":
             return installed.find(installed.OPEN_NETWORK, installed.shipped_place())
         if self.kind == "onnx" and not (self.model.endswith(".onnx") or "/" in self.model):
-            return installed.find(self.model, installed.imported_place())
+            return installed.named(self.model)
         return None

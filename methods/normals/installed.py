@@ -34,6 +34,7 @@ __all__ = [
     "imported_place",
     "listed",
     "loaded",
+    "named",
     "shipped_place",
 ]
 
@@ -157,6 +158,19 @@ def find(name: str, place: Place) -> Network:
             hint=_how_to_mend(place),
         )
     return found.network
+
+
+def named(name: str) -> Network:
+    """The network of a name: the user's own, or else a shipped one.
+
+    Raises:
+        MissingPart: there is none of that name, or its file is gone.
+        DataError: the file is another one.
+    """
+    own, shipped = imported_place(), shipped_place()
+    is_shipped = name in {network.name for network in listed(shipped)}
+    is_own = name in {network.name for network in listed(own)}
+    return find(name, shipped if is_shipped and not is_own else own)
 
 
 def check(names: Sequence[str] = ()) -> list[Check]:

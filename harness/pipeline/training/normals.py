@@ -29,6 +29,7 @@ from harness.pipeline.training.sittings import (
     spans,
     without_leaks,
 )
+from methods.normals.installed import OPEN_NETWORK
 from methods.normals.training.settings import TrainingSettings
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class TrainingRequest:
         start: The ``.onnx`` file, of an earlier training, whose weights come first; None for
             random ones.
         command: What a user runs to get the same network, for its provenance.
+        name: What the network is called.
     """
 
     sources: tuple[Source, ...]
@@ -65,6 +67,7 @@ class TrainingRequest:
     jobs: int
     start: Path | None = None
     command: str = "harness train normals"
+    name: str = OPEN_NETWORK
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +165,9 @@ def _written(
     from methods.normals.training.network import Mirrored
 
     folder = request.directory
-    network, path = Mirrored(trained.network.cpu()), folder / "open-normals.onnx"
+    network, path = Mirrored(trained.network.cpu()), folder / f"{request.name}.onnx"
     export_network(network, path, _about(request, sittings))
-    write_text(folder / "PROVENANCE.md", provenance(sittings))
+    write_text(folder / "PROVENANCE.md", provenance(request.name, sittings))
     front, back = measured(network, judges)
     write_reliability(folder / "calibration.csv", (front, back))
     return TrainingResult(
@@ -259,7 +262,7 @@ def _about(request: TrainingRequest, sittings: Sequence[Sitting]) -> dict[str, s
     version = f", version {AVATARS_VERSION}" if generated else ""
     licences = {source.manifest.datasets[source.name].licence: None for source in request.sources}
     return {
-        "name": "open-normals",
+        "name": request.name,
         "licence": "Apache-2.0",
         "training_set": "; ".join(f"{name} {spans(sorted(ids))}" for name, ids in seen.items())
         + version,

@@ -117,7 +117,7 @@ def _number(subject: str) -> int:
 
 
 _TITLE = """\
-# Where `open-normals` comes from
+# Where `{name}` comes from
 
 The network was made on this repository's own generated people, and on nothing else: no
 photograph, no scan, no network of others, nothing under a non-commercial licence. Training subjects
@@ -155,12 +155,12 @@ _ORIGINS = (
 )
 
 
-def provenance(sittings: Sequence[Sitting]) -> str:
-    """The page, in Markdown, that says what a network was made from and how.
+def provenance(name: str, sittings: Sequence[Sitting]) -> str:
+    """The page, in Markdown, that says what a network of a name was made from and how.
 
     Subjects that judge measure the error and are never trained on.
     """
-    parts = [_TITLE + "".join(f"| {' | '.join(row)} |\n" for row in _ORIGINS)]
+    parts = [_TITLE.format(name=name) + "".join(f"| {' | '.join(row)} |\n" for row in _ORIGINS)]
     for number, sitting in enumerate(sittings, start=1):
         trained = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.trained.items())
         judged = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.judged.items())

@@ -12,12 +12,13 @@ from harness.cli.options import Jobs, Json, ManifestPath, Subjects, WorkspacePat
 from harness.cli.output import print_json
 from harness.cli.verb_list import VERBS, verb_group
 from harness.core.errors import DataError, HarnessError
+from harness.core.files.names import checked_name
 from harness.data.manifest import Manifest, load_manifest
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.training.normals import TrainingRequest, train_normals
 from harness.pipeline.training.samples import SampleSettings
-from methods.normals.installed import find, imported_place, listed, shipped_place
+from methods.normals.installed import OPEN_NETWORK, named
 from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["app"]
@@ -74,6 +75,9 @@ TrainingSets = Annotated[
         help="Datasets to train on, with commas between them; never one used for results.",
     ),
 ]
+NetworkName = Annotated[
+    str, typer.Option("--name", metavar="NAME", help="What the network and its file are called.")
+]
 Start = Annotated[
     str,
     typer.Option(
@@ -98,6 +102,7 @@ def normals(
     output: Output = None,
     dataset: TrainingSets = "avatars-train",
     start: Start = "",
+    name: NetworkName = OPEN_NETWORK,
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
@@ -119,9 +124,10 @@ def normals(
         held_out=held_out,
         jobs=jobs,
         start=_network_file(start) if start else None,
+        name=checked_name("network", name),
         command=f"harness train normals --dataset {dataset} --subjects {subjects} "
         f"--views {views} --steps {steps} --batch {batch} --rate {rate:g} --held-out {held_out} "
-        f"--seed {seed}" + (f" --from {Path(start).name}" if start else ""),
+        f"--seed {seed} --name {name}" + (f" --from {Path(start).name}" if start else ""),
     )
     with shown_progress(quiet=as_json) as progress:
         result = train_normals(request, progress)
@@ -163,14 +169,10 @@ def _sources(
 
 
 def _network_file(name: str) -> Path:
-    """A file as it was named, or the shipped or imported network of that name."""
+    """A file as it was named, or the imported or shipped network of that name."""
     if name.endswith(".onnx"):
         path = Path(name)
         if not path.is_file():
             raise DataError(f"there is no network {path}")
         return path
-    places = (shipped_place(), imported_place())
-    place = next(
-        (place for place in places if name in {n.name for n in listed(place)}), imported_place()
-    )
-    return find(name, place).path
+    return named(name).path

@@ -111,6 +111,15 @@ def test_the_open_network_is_the_shipped_one(places, save_network):
     assert NormalChoice("onnx", "open-normals").part.sha256 == own.sha256 != shipped.sha256
 
 
+def test_a_name_means_the_user_s_own_network_or_else_a_shipped_one(places, save_network):
+    path = save_network(places / "net.onnx", licence="CC0-1.0", training_set="avatars-train t00001")
+    shipped = installed.import_file(path, "second", installed.shipped_place())
+    assert NormalChoice("onnx", "second").part.sha256 == shipped.sha256
+    other = save_network(places / "other.onnx", training_set="more")
+    own = installed.import_file(other, "second", installed.imported_place())
+    assert NormalChoice("onnx", "second").part.sha256 == own.sha256 != shipped.sha256
+
+
 def test_the_estimator_of_a_name_is_its_network(view, sphere, places, save_network):
     path = save_network(places / "net.onnx", {"front": "body_back", "back": "body_front"})
     installed.import_file(path, "swapped", installed.imported_place())

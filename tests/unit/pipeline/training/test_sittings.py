@@ -44,8 +44,8 @@ def test_who_was_trained_on_cannot_judge_later():
 
 
 def test_the_page_tells_each_sitting():
-    page = provenance((FIRST, SECOND))
-    assert page.startswith("# Where `open-normals` comes from")
+    page = provenance("mine", (FIRST, SECOND))
+    assert page.startswith("# Where `mine` comes from")
     assert "saw 3 subjects: avatars-train t00001..t00002, t00004 (version 8)" in page
     assert "only judged: avatars-train t00003." in page
     assert f"from the network of sha256 `{'ab' * 32}`" in page
