@@ -25,7 +25,7 @@ from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.training.normals import TrainingRequest, train_normals
 from harness.pipeline.training.samples import SampleSettings
-from methods.normals.training.loop import TrainingSettings
+from methods.normals.training.settings import TrainingSettings
 
 SHIPPED = Path(__file__).resolve().parents[4] / "data_manifest.yaml"
 SEALED = "avatars-sealed"
@@ -212,7 +212,7 @@ def test_a_subject_whose_recipe_changed_is_made_anew(manifest, place):
 
 def test_training_refuses_sealed_subjects(manifest, place):
     request = TrainingRequest(
-        source=source_of(manifest, place),
+        sources=(source_of(manifest, place),),
         samples=SampleSettings(),
         training=TrainingSettings(),
         directory=place.root / "training",
