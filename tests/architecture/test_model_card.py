@@ -14,10 +14,16 @@ TITLES = {"econ": "ECON", "mexecon8": "MExECON, 8 views"}
 
 
 def test_the_card_is_of_the_shipped_file() -> None:
-    (name,) = json.loads((WEIGHTS / "weights.json").read_text())
-    stored = json.loads((WEIGHTS / "weights.json").read_text())[name]
+    shipped = json.loads((WEIGHTS / "weights.json").read_text())
+    first, *others = sorted(shipped)
+    stored = shipped[first]
 
-    assert f"# Model card: `{name}`" in CARD
+    assert f"# Model card: `{first}`" in CARD
+    for name in others:
+        size = f"`{shipped[name]['file']}` ({shipped[name]['bytes'] / 1e6:.1f} MB)"
+        assert f"`{name}`" in CARD
+        assert size in CARD
+        assert (WEIGHTS / f"PROVENANCE-{name}.md").is_file()
     assert f"`methods/normals/weights/{stored['file']}`, {stored['bytes'] / 1e6:.1f} MB" in CARD
     assert f"| licence | {stored['licence']};" in CARD
 
