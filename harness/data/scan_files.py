@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.hashing import file_sha256
 from harness.core.formats.mtl import texture_image
-from harness.data.thuman import FileCheck, find_subject
+from harness.data.file_checks import FileCheck, check_file, name_below
+from harness.data.thuman import find_subject
 
 __all__ = ["check_scan"]
 
@@ -29,11 +29,11 @@ def check_scan(root: Path, subject: str, *, sha256: Mapping[str, str]) -> list[F
         mesh = find_subject(root, subject).mesh
     except DataError:
         return [FileCheck(f"model/{subject}/{subject}.obj", "missing")]
-    found = [_checked(mesh, root, sha256)]
+    found = [check_file(mesh, root, sha256)]
     if found[0].state != "present":
         return found
     materials = _materials(mesh)
-    found += [_checked(mesh.parent / name, root, sha256) for name in materials]
+    found += [check_file(mesh.parent / name, root, sha256) for name in materials]
     if not materials:
         note = "names no material file, so that it has no texture"
         return [FileCheck(found[0].path, "corrupt", note)]
@@ -42,8 +42,8 @@ def check_scan(root: Path, subject: str, *, sha256: Mapping[str, str]) -> list[F
     try:
         picture = texture_image(mesh, materials)
     except DataError as error:
-        return [*found, FileCheck(_name(mesh.parent, root), "missing", str(error))]
-    return [*found, _checked(picture, root, sha256)]
+        return [*found, FileCheck(name_below(root, mesh.parent), "missing", str(error))]
+    return [*found, check_file(picture, root, sha256)]
 
 
 def _materials(mesh: Path) -> list[str]:
@@ -54,22 +54,3 @@ def _materials(mesh: Path) -> list[str]:
     ):
         names = _MTLLIB.findall(content)
     return list(dict.fromkeys(name.decode("utf-8", errors="replace") for name in names))
-
-
-def _name(path: Path, root: Path) -> str:
-    return str(path.relative_to(root)) if path.is_relative_to(root) else str(path)
-
-
-def _checked(path: Path, root: Path, sha256: Mapping[str, str]) -> FileCheck:
-    name = _name(path, root)
-    if not path.is_file():
-        return FileCheck(name, "missing")
-    if path.stat().st_size == 0:
-        return FileCheck(name, "corrupt", "empty file")
-    expected = sha256.get(name)
-    if expected is None:
-        return FileCheck(name, "present")
-    found = file_sha256(path)
-    if found != expected:
-        return FileCheck(name, "corrupt", f"sha256 {found[:12]}…, expected {expected[:12]}…")
-    return FileCheck(name, "present", "sha256 agrees")

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from harness.core.artifacts import Scan
 from harness.core.mesh import Mesh
+from harness.data.file_checks import FileCheck
 from harness.data.scan_files import check_scan
 from harness.data.scans import load_scan, locate_scan
-from harness.data.thuman import FileCheck, check_subject
+from harness.data.thuman import check_subject
 from harness.data.thuman_scans import load_thuman, locate_thuman
 from harness.data.thuman_trees import check_thuman, find_thuman
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.hashing import file_sha256
+from harness.data.file_checks import FileCheck, check_file
 
-__all__ = ["FileCheck", "SubjectFiles", "check_subject", "find_subject"]
+__all__ = ["SubjectFiles", "check_subject", "find_subject"]
 
 #: Below the root: THuman 2.1 as its users quote it, THuman 2.0, and a copy one level down.
 _SCAN_PLACES = ("model/{id}/{id}.obj", "{id}/{id}.obj", "*/model/{id}/{id}.obj", "*/{id}/{id}.obj")
@@ -37,15 +37,6 @@ class SubjectFiles:
     fit: Path | None
     body: Path | None
     labels: Path | None
-
-
-@dataclass(frozen=True, slots=True)
-class FileCheck:
-    """One expected file: ``present``, ``missing``, ``corrupt`` or ``unreadable``."""
-
-    path: str
-    state: str
-    note: str = ""
 
 
 def _first(root: Path, places: tuple[str, ...], subject: str) -> Path | None:
@@ -97,19 +88,4 @@ def check_subject(
         files.append(
             _first(root, _FIT_PLACES, subject) or root / f"smplx/{subject}/smplx_param.pkl"
         )
-    return [_check_file(path, root, sha256) for path in files]
-
-
-def _check_file(path: Path, root: Path, sha256: Mapping[str, str]) -> FileCheck:
-    name = str(path.relative_to(root))
-    if not path.is_file():
-        return FileCheck(name, "missing")
-    if path.stat().st_size == 0:
-        return FileCheck(name, "corrupt", "empty file")
-    expected = sha256.get(name)
-    if expected is None:
-        return FileCheck(name, "present")
-    found = file_sha256(path)
-    if found != expected:
-        return FileCheck(name, "corrupt", f"sha256 {found[:12]}…, expected {expected[:12]}…")
-    return FileCheck(name, "present", "sha256 agrees")
+    return [check_file(path, root, sha256) for path in files]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.hashing import file_sha256
-from harness.data.thuman import FileCheck, find_subject
+from harness.data.file_checks import FileCheck, check_file
+from harness.data.thuman import find_subject
 
 __all__ = ["ThumanFiles", "check_thuman", "find_thuman"]
 
@@ -127,25 +127,9 @@ def check_thuman(
     paths = [files.mesh.with_name(name) for name in _scan_names(files.mesh.stem)]
     if needs_fit:
         paths.append(files.fit or root / "smplx" / subject / _FIT)
-    return [_checked(path, root, sha256, files.warnings) for path in paths]
+    doubts = "; ".join(files.warnings)
+    return [check_file(path, root, sha256, doubts if path.name == _FIT else "") for path in paths]
 
 
 def _scan_names(stem: str) -> tuple[str, str, str]:
     return f"{stem}.obj", "material0.mtl", "material0.jpeg"
-
-
-def _checked(
-    path: Path, root: Path, sha256: Mapping[str, str], doubts: tuple[str, ...]
-) -> FileCheck:
-    name = str(path.relative_to(root)) if path.is_relative_to(root) else str(path)
-    if not path.is_file():
-        return FileCheck(name, "missing")
-    if path.stat().st_size == 0:
-        return FileCheck(name, "corrupt", "empty file")
-    expected = sha256.get(name)
-    if expected is None:
-        return FileCheck(name, "present", "; ".join(doubts) if path.name == _FIT else "")
-    found = file_sha256(path)
-    if found != expected:
-        return FileCheck(name, "corrupt", f"sha256 {found[:12]}…, expected {expected[:12]}…")
-    return FileCheck(name, "present", "sha256 agrees")

@@ -66,7 +66,7 @@ def _scans(found: FoundFolder, request: AddRequest, progress: Progress) -> Found
         return (
             dataset,
             _each(found, progress, _Check(request.name, dataset, found.root)),
-            (f"{rules.words}; read where they lie"),
+            f"{rules.words}; read where they lie",
         )
     place = request.workspace.root / "data" / request.name
     _check_apart(found.root, place)

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from harness.core.errors import MissingPart
+from harness.data.file_checks import FileCheck
 from harness.data.manifest import Dataset, Manifest
 from harness.data.subjects import check_files
-from harness.data.thuman import FileCheck
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 
