@@ -11,7 +11,7 @@ from typing import Any
 from harness.core.errors import DataError, MissingPart
 from harness.core.files.hashing import file_sha256
 
-__all__ = ["network_sha256", "network_stamp"]
+__all__ = ["network_sha256", "network_stamp", "read_network"]
 
 
 def network_sha256(path: Path) -> str:
@@ -27,6 +27,25 @@ def network_sha256(path: Path) -> str:
     if len(sums) == 1:
         return sums[0]
     return hashlib.sha256("\n".join(sums).encode()).hexdigest()
+
+
+def read_network(path: Path) -> Any:
+    """The model in an ONNX file, with its weights, as the package onnx has it.
+
+    Raises:
+        DataError: not an ONNX file.
+        MissingPart: onnx is not installed.
+    """
+    try:
+        import onnx
+    except ImportError as error:
+        raise MissingPart(
+            "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
+        ) from error
+    try:
+        return onnx.load(path)
+    except Exception as error:  # protobuf's errors have no public base
+        raise DataError(f"{path} is not an ONNX network", got=str(error)) from error
 
 
 def network_stamp(path: Path) -> tuple[tuple[int, int], ...]:

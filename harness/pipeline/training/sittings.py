@@ -12,7 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.core.errors import DataError, HarnessError, MissingPart
+from harness.core.errors import DataError, HarnessError
+from methods.normals.onnx_files import read_network
 from methods.normals.training.curve import Look
 
 __all__ = ["METADATA", "Sitting", "provenance", "sittings_of", "spans", "without_leaks"]
@@ -65,17 +66,9 @@ def sittings_of(path: Path) -> tuple[Sitting, ...]:
         DataError: not an ONNX file, or what it tells is damaged.
         MissingPart: onnx is not installed.
     """
-    try:
-        import onnx
-    except ImportError as error:
-        raise MissingPart(
-            "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
-        ) from error
-    try:
-        model = onnx.load(path)
-    except Exception as error:  # protobuf's errors have no public base
-        raise DataError(f"{path} is not an ONNX network", got=str(error)) from error
-    told = {entry.key: entry.value for entry in model.metadata_props}.get(METADATA, "[]")
+    told = {entry.key: entry.value for entry in read_network(path).metadata_props}.get(
+        METADATA, "[]"
+    )
     try:
         return tuple(Sitting.from_dict(values) for values in json.loads(told))
     except (ValueError, TypeError, KeyError, AttributeError) as error:

@@ -7,7 +7,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from harness.core.errors import DataError, MissingPart
+from harness.core.errors import DataError
+from methods.normals.onnx_files import read_network
 from methods.normals.training.network import NormalNetwork
 
 __all__ = ["started_from"]
@@ -25,17 +26,10 @@ def started_from(path: Path) -> dict[str, Tensor]:
         DataError: not such a file, or of a network of another shape.
         MissingPart: onnx is not installed.
     """
-    try:
-        import onnx
-        from onnx import numpy_helper
-    except ImportError as error:
-        raise MissingPart(
-            "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
-        ) from error
-    try:
-        model = onnx.load(path)
-    except Exception as error:  # protobuf's errors have no public base
-        raise DataError(f"{path} is not an ONNX network", got=str(error)) from error
+    model = read_network(path)
+    # Only now: where onnx is not installed, its reader says so.
+    from onnx import numpy_helper
+
     found = {
         tensor.name.removesuffix(HALF).removeprefix(_WITHIN): torch.from_numpy(
             numpy_helper.to_array(tensor).copy()
