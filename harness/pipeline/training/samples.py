@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.array_files.npz import write_npz
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Scan
 from harness.core.cameras.camera import Camera
 from harness.core.files.hashing import content_hash, derive_seed
@@ -38,7 +38,14 @@ from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
 from renderers.protocol import texture_of
 
-__all__ = ["SAMPLES_VERSION", "SampleSettings", "make_samples", "samples_key"]
+__all__ = [
+    "SAMPLES_VERSION",
+    "PrintPair",
+    "SampleSettings",
+    "Studio",
+    "make_samples",
+    "samples_key",
+]
 
 
 SAMPLES_VERSION = 2
@@ -93,7 +100,7 @@ def make_samples(
     Raises:
         DataError: a scan without texture or without an Anny body beside it.
     """
-    studio = _Studio(scan, mesh, settings.seed)
+    studio = Studio(scan, mesh, settings.seed)
     samples: dict[str, list[NDArray[np.generic]]] = {}
     for view in range(settings.views):
         seed = derive_seed(settings.seed, "normal-sample", scan.subject, view)
@@ -105,8 +112,34 @@ def make_samples(
     write_npz(path, {"key": np.array(samples_key(scan, settings)), **arrays}, compressed=False)
 
 
-class _Studio:
-    """One subject, ready to be photographed."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PrintPair:
+    """Two photos that differ in what is printed on the subject alone, and the maps of both.
+
+    Attributes:
+        camera: Of all maps.
+        plain, printed: (H, W, 3) sRGB, black outside the mask.
+        mask: (H, W) the subject's.
+        front, back: (H, W, 3) unit normals of the scan, map frame, 0 where there are none.
+        body_front, body_back: Those of the body with a fit's errors.
+    """
+
+    camera: Camera
+    plain: Floats
+    printed: Floats
+    mask: Mask
+    front: Floats
+    back: Floats
+    body_front: Floats
+    body_back: Floats
+
+
+class Studio:
+    """One subject, ready to be photographed.
+
+    Raises:
+        DataError: a scan without texture or without an Anny body beside it.
+    """
 
     def __init__(self, scan: Scan, mesh: Mesh, seed: int) -> None:
         plain = load_rgb(texture_of(mesh))
@@ -122,16 +155,14 @@ class _Studio:
         self._turn, self._shift = scan.scan_to_world[:3, :3], scan.scan_to_world[:3, 3]
 
     def sample(self, settings: SampleSettings, seed: int) -> dict[str, NDArray[np.generic]]:
+        """The arrays of one photo as ``make_samples`` writes them."""
         draw = np.random.default_rng(seed)
-        size = PhotoSize(settings.side_px, settings.width_px, settings.height_px)
-        camera = drawn_camera(self._caster.mesh.vertices, size, draw)
+        camera = self._camera(settings, draw)
         light, gloss = drawn_light(camera, draw), drawn_gloss(draw)
         is_printed = draw.random() < _PRINTED_SHARE
         texture = self._textures[int(draw.integers(1, 1 + _PRINTED)) if is_printed else 0]
         photo = self._photo(camera, texture, light, gloss, draw)
-        fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
-        skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
-        body = Raycaster(skin)
+        body = self._fitted(seed)
         return {
             "rgb": np.round(255 * photo.rgb).astype(np.uint8),
             "mask": photo.mask,
@@ -140,6 +171,39 @@ class _Studio:
             "body_front": packed_normals(body.normals(camera, "near")),
             "body_back": packed_normals(body.normals(camera, "far")),
         }
+
+    def pair(self, settings: SampleSettings, seed: int) -> PrintPair:
+        """One scene photographed twice: in the subject's own texture, and with prints on it."""
+        draw = np.random.default_rng(seed)
+        camera = self._camera(settings, draw)
+        light, gloss = drawn_light(camera, draw), drawn_gloss(draw)
+        textures = self._textures[0], self._textures[int(draw.integers(1, 1 + _PRINTED))]
+        grain = derive_seed(seed, "grain")
+        plain, printed = (
+            self._photo(camera, texture, light, gloss, np.random.default_rng(grain))
+            for texture in textures
+        )
+        body = self._fitted(seed)
+        return PrintPair(
+            camera=camera,
+            plain=plain.rgb,
+            printed=printed.rgb,
+            mask=plain.mask,
+            front=self._caster.normals(camera, "near"),
+            back=self._caster.normals(camera, "far"),
+            body_front=body.normals(camera, "near"),
+            body_back=body.normals(camera, "far"),
+        )
+
+    def _camera(self, settings: SampleSettings, draw: np.random.Generator) -> Camera:
+        size = PhotoSize(settings.side_px, settings.width_px, settings.height_px)
+        return drawn_camera(self._caster.mesh.vertices, size, draw)
+
+    def _fitted(self, seed: int) -> Raycaster:
+        """The true body with a fit's errors."""
+        fitted = as_fitted(self._body, self._truth, FitErrors(), derive_seed(seed, "body"))
+        skin = Mesh(fitted @ self._turn.T + self._shift, self._body.faces, source="perturbed body")
+        return Raycaster(skin)
 
     def _photo(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +15,11 @@ from harness.cli.verb_list import VERBS, verb_group
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.names import checked_name
 from harness.data.manifest import Manifest, load_manifest
+from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.judging.judge import JudgeRequest, judged_networks, to_markdown
+from harness.pipeline.judging.photos import BODY
 from harness.pipeline.training.normals import TrainingRequest, train_normals
 from harness.pipeline.training.samples import SampleSettings
 from methods.normals.installed import OPEN_NETWORK, named
@@ -26,7 +30,6 @@ __all__ = ["app"]
 app = verb_group("train")
 
 
-# The callback keeps this a group of commands while it has only one.
 @app.callback(help=VERBS["train"])
 def train() -> None:
     """Nothing to do before a command."""
@@ -142,6 +145,52 @@ def normals(
         print(path)
 
 
+Networks = Annotated[
+    str,
+    typer.Option(
+        "--network",
+        metavar="NETWORKS",
+        help="Networks to compare, by name or .onnx file, with commas between them.",
+    ),
+]
+
+
+@app.command("judge")
+def judge(
+    networks: Networks = OPEN_NETWORK,
+    dataset: Annotated[
+        str, typer.Option("--dataset", metavar="NAME", help="Generated subjects to measure on.")
+    ] = "avatars",
+    subjects: Subjects = "",
+    views: Views = 8,
+    seed: Seed = 0,
+    jobs: Jobs = 1,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Measure networks of normals on generated subjects: angles, folds, and what prints do.
+
+    Each photo is made twice, plain and with prints on the subject. Prints are no folds, so that a
+    network should find as many in both.
+    """
+    checked = load_manifest(manifest)
+    refuse(checked, dataset, "judging networks")
+    place, recipe = Workspace.default(workspace), next(iter(checked.recipes))
+    request = JudgeRequest(
+        Source.select(checked, place, dataset, split_names(subjects), recipe),
+        _network_files(networks.split(",")),
+        SampleSettings(views=views, seed=seed),
+        jobs,
+    )
+    with shown_progress(quiet=as_json) as progress:
+        rows = judged_networks(request, progress)
+    if as_json:
+        print_json([row.to_dict() for row in rows])
+        return
+    print(to_markdown(rows), end="")
+
+
 def _sources(
     manifest: Manifest, place: Workspace, datasets: str, subjects: str
 ) -> tuple[Source, ...]:
@@ -166,6 +215,19 @@ def _sources(
             hint="Name its dataset with --dataset",
         )
     return tuple(sources)
+
+
+def _network_files(names: Sequence[str]) -> dict[str, Path]:
+    """The files of some networks by what a table calls them."""
+    found: dict[str, Path] = {}
+    for name in names:
+        path = _network_file(name)
+        if path.stem in (*found, BODY):
+            raise HarnessError(
+                f"two rows would be called '{path.stem}'", hint="Rename one of the files"
+            )
+        found[path.stem] = path
+    return found
 
 
 def _network_file(name: str) -> Path:

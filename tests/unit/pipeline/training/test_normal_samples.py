@@ -16,12 +16,14 @@ from harness.data.manifest import load_manifest
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.judging.judge import JudgeRequest, judged_networks
 from harness.pipeline.progress import Silent
 from harness.pipeline.training.light import Gloss, Light
 from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
-from harness.pipeline.training.samples import SampleSettings, make_samples, samples_key
+from harness.pipeline.training.samples import SampleSettings, Studio, make_samples, samples_key
 from harness.pipeline.training.sittings import sittings_of
 from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
+from methods.normals.installed import named
 
 MANIFEST = """\
 schema: 1
@@ -63,7 +65,7 @@ def _people(tmp_path_factory):
         folder.mkdir(parents=True)
         write_obj(folder / f"{name}.obj", mesh)
         (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.png\n")
-        Image.fromarray(np.full((8, 8, 3), 128, np.uint8)).save(folder / "material0.png")
+        Image.fromarray(np.full((256, 256, 3), 128, np.uint8)).save(folder / "material0.png")
         if name != "p3":
             np.savez(folder / "body.npz", vertices=vertices, **exported)
     return root
@@ -181,10 +183,8 @@ def test_a_scan_without_texture_cannot_be_photographed(source, tmp_path):
 
 def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path):
     # Grey of 128 under light of 1 without lamps: nowhere brighter than itself.
-    from harness.pipeline.training import samples as normal_samples
-
     scan, mesh = source.load("p1")
-    studio = normal_samples._Studio(scan, mesh, 0)
+    studio = Studio(scan, mesh, 0)
     light = Light(np.ones(3), np.ones(3), (), exposure=1.0, contrast=1.0, noise=0.0)
     draw = np.random.default_rng(1)
     camera = drawn_camera(mesh.vertices, PhotoSize(128, 96, 128), draw)
@@ -193,3 +193,35 @@ def test_a_photo_under_even_light_shows_albedo_where_it_is_open(source, tmp_path
     inner = mask & Raycaster(mesh).mask(camera)
     assert picture[inner].max() <= 128 / 255 + 1e-6
     assert np.median(picture[inner]) > 0.8 * 128 / 255
+
+
+def test_a_pair_differs_in_its_prints_alone(source):
+    scan, mesh = source.load("p1")
+    studio = Studio(scan, mesh, 0)
+    pair = studio.pair(SETTINGS, 5)
+    changed = np.abs(pair.plain - pair.printed).max(axis=2) > 0.02
+    assert changed.mean() > 0.02
+    assert not changed[~pair.mask].any()
+    # Pixels without a print have the same light and the same grain.
+    assert (pair.plain == pair.printed).all(axis=2)[pair.mask].mean() > 0.1
+    again = studio.pair(SETTINGS, 5)
+    np.testing.assert_array_equal(pair.printed, again.printed)
+
+
+@pytest.mark.slow
+def test_networks_are_judged_side_by_side_and_once(source, people):
+    path = named("open-normals").path
+    # Folds need pixels of 8 mm or less.
+    photos = SampleSettings(views=1, side_px=320, width_px=192, height_px=288)
+    request = JudgeRequest(replace(source, subjects=("p1",)), {"open-normals": path}, photos)
+    body, network = judged_networks(request, Silent())
+    assert (body.name, network.name) == ("body", "open-normals")
+    assert 1.0 < body.mean.front_deg < 25.0
+    # The body does not see what is printed on the subject.
+    assert body.mean.prints_gain == 0.0
+    assert network.mean.printed_front_deg != network.mean.front_deg
+    stored = list((people / "judged" / "bare" / "p1").glob("*.json"))
+    assert len(stored) == 1
+    before = stored[0].stat().st_mtime_ns
+    assert judged_networks(request, Silent())[1].to_dict() == network.to_dict()
+    assert stored[0].stat().st_mtime_ns == before

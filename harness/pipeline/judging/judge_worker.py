@@ -1,0 +1,75 @@
+"""Runs in a child process: networks on the photos of one subject."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.core.files.hashing import derive_seed
+from harness.core.process.steps import StepReport
+from harness.core.process.workers import worker_main
+from harness.core.protocols import NormalEstimator
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.judging.photos import BODY, NormalsJudgement, judged_pair
+from harness.pipeline.training.samples import SampleSettings, Studio
+from methods.normals import installed
+from methods.normals.estimators import BodyNormals
+
+__all__ = ["JudgeJob", "handle"]
+
+
+@dataclass(frozen=True, slots=True)
+class JudgeJob:
+    """Which networks to judge on one subject.
+
+    Attributes:
+        source: The dataset, with this subject alone.
+        networks: Files by name.
+        settings: Number, size and seed of the photos.
+    """
+
+    source: Source
+    networks: Mapping[str, Path]
+    settings: SampleSettings
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {
+            "source": self.source.to_dict(),
+            "networks": {name: str(path) for name, path in self.networks.items()},
+            "settings": asdict(self.settings),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> JudgeJob:
+        """The job behind ``to_dict``."""
+        return cls(
+            Source.from_dict(values["source"]),
+            {name: Path(path) for name, path in values["networks"].items()},
+            SampleSettings(**values["settings"]),
+        )
+
+
+def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
+    """Make the subject, if it is generated and not there, and judge the networks on it."""
+    asked = JudgeJob.from_dict(job)
+    (subject,) = asked.source.subjects
+    if asked.source.is_generated:
+        asked.source.make_avatar(subject)
+    scan, mesh = asked.source.load(subject)
+    estimators: dict[str, NormalEstimator] = {BODY: BodyNormals()}
+    estimators |= {name: installed.loaded(path) for name, path in asked.networks.items()}
+    studio, settings = Studio(scan, mesh, asked.settings.seed), asked.settings
+    found: dict[str, list[NormalsJudgement]] = {name: [] for name in estimators}
+    for view in range(settings.views):
+        pair = studio.pair(settings, derive_seed(settings.seed, "judge", scan.subject, view))
+        for name, estimator in estimators.items():
+            found[name].append(judged_pair(pair, estimator))
+        report(view + 1, settings.views)
+    return {name: NormalsJudgement.mean(each).to_dict() for name, each in found.items()}
+
+
+if __name__ == "__main__":
+    worker_main(handle)
