@@ -1,4 +1,4 @@
-"""The short form of the soak: two drivers, two nodes, lost nodes and workers, equal records."""
+"""The short forms of the soak and of stopped runs: whatever is lost, the records are equal."""
 
 from __future__ import annotations
 
@@ -17,23 +17,37 @@ pytestmark = pytest.mark.slow
 HERE = Path(__file__).parent
 
 
+def script(name: str) -> ModuleType:
+    """A script of this folder, which imports its neighbours by name."""
+    sys.path.insert(0, str(HERE))
+    try:
+        spec = importlib.util.spec_from_file_location(f"soak_script_{name}", HERE / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(HERE))
+    return module
+
+
 @pytest.fixture(scope="module")
 def soaking() -> ModuleType:
-    """The script."""
-    spec = importlib.util.spec_from_file_location("soak_script", HERE / "soak.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules["soak_script"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    """The soak's script."""
+    return script("soak")
+
+
+def require_soak() -> None:
+    """Skip where Ray is not installed, or minutes were not asked for."""
+    pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt ray")
+    if not os.environ.get("HARNESS_SOAK"):
+        pytest.skip("it takes some minutes, most of them for Ray's nodes to start: HARNESS_SOAK=1")
 
 
 def test_records_are_those_of_a_quiet_run_whatever_is_lost(
     soaking: ModuleType, tmp_path: Path
 ) -> None:
-    pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt ray")
-    if not os.environ.get("HARNESS_SOAK"):
-        pytest.skip("it takes some minutes, most of them for Ray's nodes to start: HARNESS_SOAK=1")
+    require_soak()
     plan = soaking.Plan(cells=16, drivers=2, removal_s=8.0, kill_s=3.0, limit_s=400.0)
 
     report = soaking.soak(plan, tmp_path / "soak")
@@ -43,6 +57,19 @@ def test_records_are_those_of_a_quiet_run_whatever_is_lost(
     # A driver that begins after the other has ended has no tasks, and tells of no machine.
     lines = [line for told in report.machines for line in told]
     assert sum(int(line.split(": ")[1].split()[0]) for line in lines) >= 16
+
+
+def test_a_stopped_run_ends_at_once_and_continues(tmp_path: Path) -> None:
+    require_soak()
+    interrupted = script("interrupted")
+
+    report = interrupted.interrupt(
+        interrupted.Plan(cells=12, times=3, most_s=6.0), tmp_path / "place"
+    )
+
+    assert report.is_good, report
+    assert [stop.own_cluster for stop in report.stops] == [False, False, True]
+    assert report.records == 12
 
 
 def test_the_comparison_bites(soaking: ModuleType, tmp_path: Path) -> None:
@@ -69,6 +96,23 @@ def test_the_comparison_bites(soaking: ModuleType, tmp_path: Path) -> None:
     assert report.records == 2
     assert report.unequal == ["m/b", "m/c"]
     assert report.left_over == ["soak/m/b/.attempt-1"]
+    assert not report.is_good
+
+
+def test_the_numbers_of_records_are_compared(tmp_path: Path) -> None:
+    losses = script("quickstart_losses")
+    one = {"files": {"mesh.ply": "x"}, "metrics": {"chamfer": {"value": 2.0, "unit": "mm"}},
+           "regions": {"head": {"accuracy_mm": None, "n": 3}}, "status": "ok"}  # fmt: skip
+    other = {"files": {"mesh.ply": "x"}, "metrics": {"chamfer": {"value": 2.5, "unit": "mm"}},
+             "regions": {"head": {"accuracy_mm": None, "n": 3}}, "status": "ok"}  # fmt: skip
+    report = losses.Report(2)
+
+    losses.compare({"m/a": one, "m/b": one}, {"m/a": one, "m/b": other}, report)
+
+    assert report.unequal == {"m/b": pytest.approx(0.2)}
+    assert report.largest == {"metrics.chamfer.value": pytest.approx(0.2)}
+    assert (report.records, report.numbers, report.meshes) == (2, 4, 2)
+    assert report.otherwise == {"metrics": 1}
     assert not report.is_good
 
 

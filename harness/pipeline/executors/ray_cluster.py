@@ -72,7 +72,7 @@ class RayCluster:
         ray = extra_package("ray", RAY_VERSION, "--executor ray")
         if not tasks:
             return
-        with self._connected(ray):
+        with _stops_as_such(), self._connected(ray):
             self._require_room(ray, progress)
             with contextlib.closing(_Submitted(ray, self.grant, done)) as submitted:
                 submitted.carry_out(tasks)
@@ -110,6 +110,8 @@ class RayCluster:
             return {"address": self.address}
         cores = self.cores or len(os.sched_getaffinity(0))
         return {
+            # Without an address Ray takes a cluster that happens to run on this machine.
+            "address": "local",
             "num_cpus": cores,
             # A rendering uses the cores that it is granted, so that there is room for as many.
             "resources": {BLENDER: cores},
@@ -134,6 +136,20 @@ class RayCluster:
                 f"{largest.get('memory', 0) / _GIB:.1f} GiB",
                 hint="Give smaller values for --cell",
             )
+
+
+@contextlib.contextmanager
+def _stops_as_such() -> Generator[None]:
+    """Ctrl-C within Ray's own code is an ``Interrupted``.
+
+    Ray runs the handlers of signals in the middle of its calls, and hands on what they raise as an
+    exception of another class, or not at all.
+    """
+    try:
+        yield
+    except Exception:
+        require_not_stopped()
+        raise
 
 
 def _fits(grant: Grant, machine: Mapping[str, float]) -> bool:

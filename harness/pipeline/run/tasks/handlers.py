@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from harness.pipeline.progress import Progress
 from harness.pipeline.run.evaluate import CellRun
-from harness.pipeline.run.tasks.run_values import found_error, found_request
+from harness.pipeline.run.tasks.run_values import found_error, found_methods, found_request
 
 __all__ = ["cell", "photos"]
 
 _lock = threading.Lock()
-#: The run that this process works on, by its values; another one takes its place.
+#: The run that this process works on, by its id; another one takes its place.
 _current: dict[str, CellRun] = {}
 
 
@@ -37,10 +37,16 @@ def cell(
 
 
 def _run(values: Mapping[str, Any]) -> CellRun:
-    key = json.dumps([values["run"], values["request"]], sort_keys=True)
+    """The run, with the methods that a task names.
+
+    Of a run with many methods, a worker resolves those alone that it is asked for.
+    """
+    request, name = values["request"], values["run"]
     with _lock:
-        if key not in _current:
-            made = CellRun(found_request(values["request"]))
+        if name not in _current:
+            made = CellRun(found_request({**request, "methods": []}))
             _current.clear()
-            _current[key] = made
-        return _current[key]
+            _current[name] = made
+        run = _current[name]
+    methods = found_methods(request, run.request.source.workspace)
+    return replace(run, request=replace(run.request, methods=methods))

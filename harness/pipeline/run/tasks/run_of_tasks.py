@@ -12,6 +12,7 @@ from harness.core.errors import DataError
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.inputs.captures import PHOTOS
 from harness.pipeline.progress import Progress
+from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.plan import Cell, EvalRequest
 from harness.pipeline.run.store import Outcome
 from harness.pipeline.run.tasks.run_values import request_values
@@ -57,6 +58,27 @@ class _Ended:
     kept: str
 
 
+class _Shared:
+    """What tasks of a run have in common.
+
+    Args:
+        request: What was asked for.
+    """
+
+    def __init__(self, request: EvalRequest) -> None:
+        self._request, self._run = request, uuid.uuid4().hex
+        self._by_row: dict[str, dict[str, object]] = {}
+
+    def values(self, method: ChosenMethod | None) -> dict[str, object]:
+        """The run and its request, with one method or none; the same object for each row."""
+        row = method.row if method else ""
+        if row not in self._by_row:
+            methods = (method,) if method else ()
+            request = request_values(replace(self._request, methods=methods))
+            self._by_row[row] = {"run": self._run, "request": request}
+        return self._by_row[row]
+
+
 class RunOfTasks:
     """The tasks of a request, and the answers to them.
 
@@ -77,10 +99,7 @@ class RunOfTasks:
 
     def tasks_for(self, cells: Sequence[Cell]) -> list[Task]:
         """The tasks of cells, by subject; a cell with a current record has none."""
-        shared: dict[str, object] = {
-            "run": uuid.uuid4().hex,
-            "request": request_values(self._request),
-        }
+        shared = _Shared(self._request)
         tasks: list[Task] = []
         for cell in cells:
             if cell.record is not None:
@@ -91,18 +110,18 @@ class RunOfTasks:
             self._warn(cell.subject, cell.files.capture.warnings if cell.files else ())
         return tasks
 
-    def _add_cell(self, cell: Cell, shared: dict[str, object], tasks: list[Task]) -> None:
+    def _add_cell(self, cell: Cell, shared: _Shared, tasks: list[Task]) -> None:
         subject, row = cell.subject, cell.method.row
         photos = ""
         if cell.files is None:
             photos = f"photos of {subject}"
             if photos not in self._photos:
                 self._photos[photos] = subject
-                values = {**shared, "subject": subject}
+                values = {**shared.values(None), "subject": subject}
                 tasks.append(Task(photos, f"{_HANDLERS}:photos", values, subject, renders=True))
         name = f"{row} on {subject}"
         self._cells[name] = (row, subject)
-        values = {**shared, "subject": subject, "row": row}
+        values = {**shared.values(cell.method), "subject": subject, "row": row}
         tasks.append(Task(name, f"{_HANDLERS}:cell", values, subject, photos))
 
     def answered(self, answer: Answer) -> None:

@@ -10,11 +10,12 @@ from harness.core import errors
 from harness.core.errors import HarnessError
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["error_values", "found_error", "found_request", "request_values"]
+__all__ = ["error_values", "found_error", "found_methods", "found_request", "request_values"]
 
 
 def request_values(request: EvalRequest) -> dict[str, object]:
@@ -46,20 +47,29 @@ def found_request(values: Mapping[str, Any]) -> EvalRequest:
         MissingPart: a method, or one of its parts, is not installed here.
     """
     source = Source.from_dict(values["source"])
-    added = AddedMethods.of(source.workspace)
-    methods = tuple(
-        ChosenMethod.of(each["name"], each["settings"], each["row"], added=added)
-        for each in values["methods"]
-    )
     return EvalRequest(
         source=source,
-        methods=methods,
+        methods=found_methods(values, source.workspace),
         protocol=source.manifest.protocol(values["protocol"]),
         store=RunStore(Path(values["store"])),
         seed=values["seed"],
         keep=values["keep"],
         timeout_s=values["timeout_s"],
         share=values["share"],
+    )
+
+
+def found_methods(values: Mapping[str, Any], workspace: Workspace) -> tuple[ChosenMethod, ...]:
+    """The methods behind ``request_values``, resolved in this process.
+
+    Raises:
+        HarnessError: the catalogue or the workspace has no method of a name.
+        MissingPart: a method, or one of its parts, is not installed here.
+    """
+    added = AddedMethods.of(workspace)
+    return tuple(
+        ChosenMethod.of(each["name"], each["settings"], each["row"], added=added)
+        for each in values["methods"]
     )
 
 

@@ -295,6 +295,24 @@ def test_a_request_is_the_same_on_the_other_side(request_of_two: EvalRequest) ->
     assert (found.seed, found.keep, found.protocol) == (3, True, request_of_two.protocol)
 
 
+def test_a_task_names_its_own_method_alone(request_of_two: EvalRequest) -> None:
+    both = replace(
+        request_of_two,
+        methods=(*request_of_two.methods, *chosen_methods(["gt"], {})),
+    )
+
+    tasks = RunOfTasks(both, Silent(), lambda *cell: {}).tasks_for(plan(both))
+
+    named = {each.name: each.values["request"]["methods"] for each in tasks}
+    first = both.source.subjects[0]
+    assert named[f"photos of {first}"] == []
+    assert [each["row"] for each in named[f"coarser on {first}"]] == ["coarser"]
+    assert [each["name"] for each in named[f"gt on {first}"]] == ["gt"]
+    assert len({each.values["run"] for each in tasks}) == 1
+    # Tasks of a row share their values, of which there may be many.
+    assert len({id(each.values["request"]) for each in tasks}) == 3
+
+
 class Nowhere:
     """An executor that has lost everything."""
 
