@@ -21,7 +21,9 @@ from harness.data.avatars import (
 from harness.data.avatars.build import drape_recipe
 from harness.data.avatars.clothes import drape
 from harness.data.avatars.mesh.faces import neighbours
+from harness.data.avatars.mesh.shell import Shell
 from harness.data.avatars.people.body import AvatarBody
+from harness.data.avatars.skin import bake
 from harness.data.avatars.stored import drape_key, load_drape, save_drape
 from harness.data.avatars.writer import write_avatar
 
@@ -169,10 +171,17 @@ def test_bare_skin_lies_on_the_true_body(folder, mesh, labels):
         assert np.median(distance_mm[of_face == names.index(region)]) < 1.5
 
 
-def test_equal_recipes_give_equal_bytes(folder, tmp_path):
-    make_avatar(recipe_for(NAME), tmp_path / NAME)
-    for file in folder.iterdir():
-        assert file.read_bytes() == (tmp_path / NAME / file.name).read_bytes(), file.name
+def test_equal_recipes_give_equal_bytes(folder, tmp_path, monkeypatch):
+    """Two coarse ones with small textures, which go through every step that a fine one does."""
+    for module in (build, bake):
+        monkeypatch.setattr(module, "TEXTURE_SIZE", 512)
+    monkeypatch.setattr(build, "Shell", lambda: Shell(voxel=0.005, faces=100_000))
+    first, again = tmp_path / "first" / NAME, tmp_path / "again" / NAME
+    for each in (first, again):
+        make_avatar(recipe_for(NAME), each)
+    assert {file.name for file in first.iterdir()} == {file.name for file in folder.iterdir()}
+    for file in first.iterdir():
+        assert file.read_bytes() == (again / file.name).read_bytes(), file.name
 
 
 def test_the_sheet_shows_a_person_on_paper(folder):

@@ -37,14 +37,14 @@ def golden(reference) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def network(fill) -> Callable[[str], nn.Module]:
-    """``network(name)``: filled in double precision, in which rounding does not matter."""
+    """``network(name)``: the last one that was filled, as it would be run."""
     last: dict[str, nn.Module] = {}
 
     def make(name: str) -> nn.Module:
         if name not in last:
             last.clear()
             numbers = fill(shapes(name), "wave")
-            last[name] = filled(bare(NormalGenerator), numbers, f"netG.{name}.").double()
+            last[name] = filled(bare(NormalGenerator), numbers, f"netG.{name}.")
         return last[name]
 
     return make
@@ -52,7 +52,7 @@ def network(fill) -> Callable[[str], nn.Module]:
 
 def off(network: nn.Module, image: np.ndarray, body: np.ndarray, wanted: np.ndarray) -> float:
     with torch.no_grad():
-        found = network(*(torch.from_numpy(each[None].copy()).double() for each in (image, body)))
+        found = network(*(torch.from_numpy(each[None].copy()) for each in (image, body)))
     return float(np.abs(found[0].numpy() - wanted).max())
 
 

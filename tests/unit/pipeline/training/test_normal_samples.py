@@ -77,6 +77,11 @@ def _source(people):
     return Source.select(manifest, Workspace(people), "bare", (), "tiny")
 
 
+def with_truth(source):
+    """Without the person whom every call would try again."""
+    return replace(source, subjects=("p1", "p2"))
+
+
 def made(source, subject, path, settings=SETTINGS):
     scan, mesh = source.load(subject)
     make_samples(scan, mesh, settings, path, lambda done, total: None)
@@ -128,7 +133,8 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
     assert said[0].startswith("p3 is left out")
     assert "true body" in said[0]
     before = paths["p1"].stat().st_mtime_ns
-    assert ensure_samples(source, SETTINGS, 1, Silent())["p1"].stat().st_mtime_ns == before
+    again = ensure_samples(with_truth(source), SETTINGS, 1, Silent())
+    assert again["p1"].stat().st_mtime_ns == before
     changed = SampleSettings(views=1, side_px=128, width_px=96, height_px=128)
     assert samples_key(source.locate("p1"), SETTINGS) != samples_key(source.locate("p1"), changed)
 
@@ -157,6 +163,7 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     assert first.calibration.stat().st_size > 5000
     again = replace(
         request,
+        sources=(with_truth(source),),
         start=first.network,
         training=replace(request.training, steps=2, judge_every=1),
         directory=tmp_path / "second",
