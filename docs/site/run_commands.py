@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from shown_commands import Plan, Ran, load_plan, load_ran, shown_commands, write
 ROOT = Path(__file__).parents[2]
 #: What a quickstart leaves in its workspace.
 _MADE = ("data", "captures", "runs")
+#: File of the scratch folder that names the commit in it.
+_COMMIT = ".commit"
 
 
 def prepare(scratch: Path, quickstart: Path) -> None:
@@ -34,28 +37,26 @@ def prepare(scratch: Path, quickstart: Path) -> None:
         ["git", "archive", "HEAD"], cwd=ROOT, check=True, stdout=subprocess.PIPE
     )
     subprocess.run(["tar", "-x"], cwd=scratch, input=archive.stdout, check=True)
+    (scratch / _COMMIT).write_text(commit(), encoding="utf-8")
     for name in _MADE:
         shutil.copytree(quickstart / name, scratch / name)
 
 
-def due(plan: Plan, only: str, again: bool) -> Iterator[tuple[str, str]]:
+def chosen(plan: Plan, ways: Collection[str], only: str, again: bool) -> Iterator[tuple[str, str]]:
     """The shown commands that have to be run, and what is run for each."""
     done = load_ran()
-    exports: dict[str, list[str]] = {}
     for shown, files in shown_commands(ROOT).items():
-        if plan.trial(shown).how != "run":
-            continue
         line = plan.line(shown)
         is_known = shown in done and done[shown].ran == line
-        if only in f"{files} {shown}" and (again or not is_known):
-            # A variable of a page holds for the commands after it.
-            yield shown, "\n".join([*exports.get(files[-1], []), line])
-        if shown.startswith("export "):
-            exports.setdefault(files[-1], []).append(line)
+        is_wanted = (
+            plan.trial(shown).how in ways and re.search(only, f"{files} {shown}") is not None
+        )
+        if is_wanted and (again or not is_known):
+            yield shown, line
 
 
 def run(line: str, scratch: Path, limit_s: float) -> tuple[int, float]:
-    """The exit code of a line of shell, 124 where it took too long, and how many seconds it took."""
+    """The exit code of a line of shell, 124 where it took too long, and its seconds."""
     environment = {
         name: value for name, value in os.environ.items() if name != "HARNESS_WORKSPACE"
     } | {
@@ -93,17 +94,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Run the commands that the pages show.")
     parser.add_argument("scratch", type=Path, help="folder to run them in; made if it is new")
     parser.add_argument("--quickstart", type=Path, default=ROOT, help="workspace of a quickstart")
-    parser.add_argument("--only", default="", help="part of a command or of its page's name")
+    parser.add_argument("--only", default="", help="pattern in a page's file and a command")
     parser.add_argument("--again", action="store_true", help="also what was run before")
+    parser.add_argument("--due", action="store_true", help="only those that are marked as due")
     parser.add_argument("--list", action="store_true", help="only say what would be run")
     parser.add_argument("--limit", type=float, default=600, help="seconds for one command")
     options = parser.parse_args()
-    plan, name = load_plan(), commit()
+    plan = load_plan()
     scratch = options.scratch.resolve()
     if not options.list:
         prepare(scratch, options.quickstart)
     failed: list[str] = []
-    for shown, line in due(plan, options.only, options.again):
+    ways = ("due",) if options.due else ("run",)
+    for shown, line in chosen(plan, ways, options.only, options.again):
         print(f"\n$ {line}", flush=True)
         if options.list:
             continue
@@ -114,6 +117,7 @@ def main() -> int:
         if code != plan.trial(shown).exit_code:
             failed.append(f"{code}: {shown}")
             continue
+        name = (scratch / _COMMIT).read_text(encoding="utf-8")
         today = datetime.now(UTC).date().isoformat()
         ran = Ran(plan.line(shown), code, round(seconds, 1), today, harness.__version__, name)
         write_ran({**load_ran(), shown: ran})

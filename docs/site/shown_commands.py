@@ -17,7 +17,16 @@ from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_text
 from layout import load_navigation
 
-__all__ = ["Plan", "Ran", "Trial", "load_plan", "load_ran", "shown_commands", "write_ran"]
+__all__ = [
+    "Plan",
+    "Ran",
+    "Trial",
+    "commands_in",
+    "load_plan",
+    "load_ran",
+    "shown_commands",
+    "write_ran",
+]
 
 _HERE = Path(__file__).parent
 _BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -31,11 +40,11 @@ class Trial:
 
     Attributes:
         shown: The command as a page shows it, on one line and without its comment.
-        how: ``run`` by ``run_commands.py``; ``ci`` for what ``.ci/run`` runs out of the README;
-            ``not run``.
+        how: ``run`` by ``run_commands.py``; ``due`` where nobody has run it so yet; ``ci`` for what
+            ``.ci/run`` runs; ``test`` where a test does the same on something small; ``not run``.
         ran: What is run in its place; empty where it is the command itself.
         because: Why it is not the command itself.
-        instead: For ``not run``: the test, ``path::name``, that comes closest; may be empty.
+        instead: The test, ``path::name``, that does the same or comes closest; may be empty.
         exit_code: What the page says that the command ends with.
     """
 
@@ -94,6 +103,20 @@ class Ran:
     commit: str
 
 
+def commands_in(text: str) -> Iterator[str]:
+    """The commands in the shell blocks of a page, each on one line and without its comment."""
+    for language, block in _BLOCK.findall(text):
+        if language not in ("sh", "console"):
+            continue
+        lines = re.sub(r"(\\|(?<=&&))\n\s*", " ", block).splitlines()
+        for line in lines:
+            if language == "console" and not line.startswith("$ "):
+                continue
+            bare = _COMMENT.sub("", line).removeprefix("$ ")
+            if command := re.sub(r"\s+", " ", bare).strip():
+                yield command
+
+
 def shown_commands(root: Path) -> dict[str, tuple[str, ...]]:
     """The files that show a command, by command, in the order of the site.
 
@@ -106,7 +129,7 @@ def shown_commands(root: Path) -> dict[str, tuple[str, ...]]:
     site = load_navigation(root, _HERE / "navigation.toml")
     found: dict[str, tuple[str, ...]] = {}
     for file in ("README.md", *site.files.values()):
-        for command in _commands((root / file).read_text(encoding="utf-8")):
+        for command in commands_in((root / file).read_text(encoding="utf-8")):
             found[command] = (*found.get(command, ()), file)
     return found
 
@@ -127,7 +150,8 @@ def load_plan(path: Path = _HERE / "commands.toml") -> Plan:
             raise HarnessError(
                 f"{path}: unknown way to try '{trial.shown}'", got=trial.how, expected=str(_WAYS)
             )
-        if (trial.ran or trial.exit_code or trial.how == "not run") and not trial.because:
+        literally = trial.how in ("run", "ci") and not trial.ran and not trial.exit_code
+        if not (literally or trial.because):
             raise HarnessError(f"{path} does not say why '{trial.shown}' is not tried as it stands")
         trials[trial.shown] = trial
     return Plan(document.get("replace", {}), document.get("prepare", {}), trials)
@@ -145,16 +169,3 @@ def write_ran(ran: Mapping[str, Ran], path: Path = _HERE / "commands.json") -> N
     """Store what was run."""
     values = {shown: asdict(each) for shown, each in ran.items()}
     write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n")
-
-
-def _commands(text: str) -> Iterator[str]:
-    for language, block in _BLOCK.findall(text):
-        if language not in ("sh", "console"):
-            continue
-        lines = re.sub(r"(\\|(?<=&&))\n\s*", " ", block).splitlines()
-        for line in lines:
-            if language == "console" and not line.startswith("$ "):
-                continue
-            bare = _COMMENT.sub("", line).removeprefix("$ ")
-            if command := re.sub(r"\s+", " ", bare).strip():
-                yield command
