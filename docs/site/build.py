@@ -1,8 +1,8 @@
 """Build the documentation site: ``python docs/site/build.py --page runs/quickstart/page``.
 
 Its pages are the files of docs/, parts of the README, the commands' own help and docstrings. Every
-complaint of Sphinx, such as a link that leads nowhere, makes the build fail. A folder that holds
-anything else than a site is left alone.
+complaint of Sphinx, and every link of the built pages that leads nowhere, makes the build fail. A
+folder that holds anything else than a site is left alone.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 
 from sphinx.cmd.build import build_main
 
+from built_links import broken_links, page_links
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory
 from layout import INDEX, Site, contents, load_navigation, readme_section, source_page
@@ -92,7 +93,8 @@ def build(site: Site, output: Path, page: Path | None) -> None:
         page: A page of a run that the first page shows; None for no page.
 
     Raises:
-        HarnessError: Sphinx complained, ``output`` holds something else, or ``page`` is no page.
+        HarnessError: Sphinx complained, a link leads nowhere, ``output`` holds something else, or
+            ``page`` is no page.
     """
     if page is not None and not (page / "index.html").is_file():
         raise HarnessError(f"{page} is no page", hint="'harness report --page' writes one")
@@ -106,6 +108,10 @@ def build(site: Site, output: Path, page: Path | None) -> None:
             raise HarnessError("the site was not built", hint="Sphinx says above what is wrong")
         if page is not None:
             shutil.copytree(page, made / _EMBEDDED)
+        if broken := broken_links(made, page_links(made)):
+            raise HarnessError(
+                "links of the site lead nowhere", got=", ".join(broken), hint="Mend the pages"
+            )
 
 
 def main() -> int:

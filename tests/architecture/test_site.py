@@ -135,6 +135,27 @@ def test_every_command_and_package_is_in_the_reference(monkeypatch: pytest.Monke
     )
 
 
+def test_links_of_built_pages_are_followed_to_files_and_anchors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    links = module("built_links", monkeypatch)
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "b.html").write_text('<h1 id="one">B</h1><a href="../a.html#no">a</a>')
+    (tmp_path / "a.html").write_text(
+        '<a href="deep/b.html#one">b</a> <a href="deep/b.html#two">b</a> <a href="#here">c</a>'
+        '<p id="here"></p> <img src="gone.png"> <a href="https://x.y/z">z</a> <a href="deep">d</a>'
+    )
+    pages = links.page_links(tmp_path)
+
+    assert links.broken_links(tmp_path, pages) == [
+        "a.html: deep",
+        "a.html: deep/b.html#two",
+        "a.html: gone.png",
+        "deep/b.html: ../a.html#no",
+    ]
+    assert links.external_links(pages) == ["https://x.y/z"]
+
+
 def test_the_programs_of_the_site_are_pinned_exactly() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -180,3 +201,11 @@ class TestBuilt:
 
         assert (done.returncode, (tree / "out" / "mine.txt").read_text()) == (2, "mine")
         assert "is no site" in done.stderr
+
+    def test_a_link_of_raw_html_that_leads_nowhere_fails_the_build(self, tree: Path) -> None:
+        with (tree / "docs" / "a.md").open("a") as stream:
+            stream.write('\n<a href="gone/index.html">broken</a>\n')
+        done = built(tree)
+
+        assert (done.returncode, (tree / "out").exists()) == (2, False)
+        assert "lead nowhere (got a.html: gone/index.html)" in done.stderr
