@@ -12,7 +12,7 @@ import signal
 import sys
 import tempfile
 from collections import Counter, OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -58,23 +58,28 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 #: The files that take longest, the longest first; what comes last leaves the other process idle.
 LONG_TESTS = (
     "test_frames.py",
+    "test_body_fit.py",
     "test_avatars_build.py",
     "test_killed_runs.py",
-    "test_avatars_creased_people.py",
-    "test_body_fit.py",
-    "test_econ_network.py",
     "test_eval.py",
-    "test_fit.py",
-    "test_pixie.py",
-    "test_fusion.py",
+    "test_avatars_creased_people.py",
+    "test_econ_network.py",
     "test_changed_inputs.py",
-    "test_avatars_wrinkles.py",
-    "test_patchmatch.py",
+    "test_fusion.py",
     "test_clothed.py",
-    "test_vggt.py",
-    "test_avatars_clothes.py",
-    "test_normal_samples.py",
+    "test_method.py",
+    "test_fit.py",
+    "test_avatars_wrinkles.py",
     "test_examples.py",
+    "test_normal_samples.py",
+    "test_vggt.py",
+    "test_kin.py",
+    "test_patchmatch.py",
+    "test_pixie.py",
+    "test_bad_input.py",
+    "test_stereo8_psr.py",
+    "test_added_methods.py",
+    "test_avatars_clothes.py",
 )
 
 
@@ -91,6 +96,30 @@ def pytest_collection_finish() -> None:
     """Collecting garbage no longer searches the millions of objects of imported packages."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _patient_networks() -> Iterator[None]:
+    """Among several processes, threads of onnxruntime that wait leave the cores to the others.
+
+    By themselves they keep a core busy while they wait, a third of a network's time. The answers
+    are the same.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ or not importlib.util.find_spec("onnxruntime"):
+        yield
+        return
+    import onnxruntime
+
+    made = onnxruntime.SessionOptions
+
+    def patient() -> onnxruntime.SessionOptions:
+        options = made()
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        return options
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(onnxruntime, "SessionOptions", patient)
+        yield
 
 
 @pytest.fixture(scope="session")
