@@ -43,12 +43,23 @@ class Plan:
         pause_s: Mean time between two losses.
         limit_s: Longest time for all.
         seed: Of the moments.
+        methods: Some of the quickstart's, with commas between them; empty takes all.
     """
 
     losses: int = 10
     pause_s: float = 60.0
     limit_s: float = 3600.0
     seed: int = 7
+    methods: str = ""
+
+    def chosen(self, records: dict[str, Any]) -> dict[str, Any]:
+        """The records of the methods that were chosen."""
+        wanted = set(filter(None, self.methods.split(",")))
+        return {
+            cell: record
+            for cell, record in records.items()
+            if not wanted or cell.split("/")[0] in wanted
+        }
 
 
 @dataclass
@@ -102,7 +113,7 @@ def carry_out(plan: Plan, reference: Path, folder: Path) -> Report:
         reference: A workspace with a finished quickstart.
         folder: Becomes the workspace of this run.
     """
-    expected = timeless(reference / "runs" / _RUN)
+    expected = plan.chosen(timeless(reference / "runs" / _RUN))
     report = Report(len(expected))
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copytree(reference / "data", folder / "data")
