@@ -6,7 +6,7 @@ A quiet run on this machine comes first. Then the same request is begun on two s
 again and again, and each time gets Ctrl-C after some seconds: it has to end soon with exit code
 130 and one line, and no task of it may stay at work. The last of these runs has a cluster of its
 own. Then the command is left alone, and each record has to be there, once, equal to the quiet
-run's but for times.
+run's but for times. Every second time, Ctrl-C comes when the run has filed a record at least.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -63,7 +64,9 @@ class Stop:
 
     Attributes:
         own_cluster: Whether the command had started Ray itself.
-        after_s: When it came.
+        after_s: When it came, after the command began to work; or, where ``in_work``, after it had
+            filed a record.
+        in_work: Which of the two.
         exit_code: Of the command.
         ended_s: How long the command took to end.
         lines: What it said then, without Ray's own lines.
@@ -74,6 +77,7 @@ class Stop:
     """
 
     own_cluster: bool
+    in_work: bool
     after_s: float
     exit_code: int
     ended_s: float
@@ -138,7 +142,7 @@ def interrupt(plan: Plan, folder: Path) -> Report:
             own = number == plan.times - 1
             after_s = dice.uniform(plan.least_s, plan.most_s)
             given = ("--executor", "ray") if own else where
-            report.stops.append(_stopped(place, number, after_s, given))
+            report.stops.append(_stopped(place, number, after_s, given, plan.limit_s))
         report.cached = len(timeless(place.runs / _RUN))
         last = place.start(_RUN, folder / "last.log", *where)
         report.exit_code = last.wait(plan.limit_s)
@@ -148,11 +152,17 @@ def interrupt(plan: Plan, folder: Path) -> Report:
     return report
 
 
-def _stopped(place: Place, number: int, after_s: float, where: tuple[str, ...]) -> Stop:
+def _stopped(
+    place: Place, number: int, after_s: float, where: tuple[str, ...], limit_s: float
+) -> Stop:
     """Begin the run and press Ctrl-C after some time."""
-    log = place.folder / f"stopped-{number}.log"
+    log, run, in_work = place.folder / f"stopped-{number}.log", place.runs / _RUN, number % 2 == 1
+    found = _records(run)
     command = place.start(_RUN, log, *where)
-    _until_it_listens(log)
+    _until(lambda: "reconstructions:" in log.read_text(errors="replace"), limit_s, log)
+    if in_work:
+        _until(lambda: _records(run) > found, limit_s, log)
+        after_s /= 4
     time.sleep(after_s)
     at_work, below = workers_at_work(), psutil.Process(command.pid).children(recursive=True)
     begun = time.monotonic()
@@ -165,15 +175,15 @@ def _stopped(place: Place, number: int, after_s: float, where: tuple[str, ...]) 
     ended_s = time.monotonic() - begun
     while _left(below) and time.monotonic() - begun < ended_s + _TASKS_END_S:
         time.sleep(0.25)
-    run = place.runs / _RUN
     return Stop(
         own_cluster="--ray-address" not in where,
+        in_work=in_work,
         after_s=round(after_s, 1),
         exit_code=code,
         ended_s=round(ended_s, 1),
         lines=_said(log),
         at_work=(len(at_work), _left(below)),
-        records=len(list(run.glob("*/*/record.json"))),
+        records=_records(run),
         attempts=len([name for name in left_over(run) if ".attempt-" in name or ".part" in name]),
     )
 
@@ -183,12 +193,16 @@ def _left(below: list[psutil.Process]) -> int:
     return len({*workers_at_work(), *(each for each in below if each.is_running())})
 
 
-def _until_it_listens(log: Path) -> None:
-    """Wait until the command shows its progress; before that it is Python that starts."""
-    end = time.monotonic() + _END_S
-    while "reconstructions:" not in log.read_text(errors="replace"):
+def _records(run: Path) -> int:
+    return len(list(run.glob("*/*/record.json")))
+
+
+def _until(is_so: Callable[[], bool], limit_s: float, log: Path) -> None:
+    """Wait until something is so."""
+    end = time.monotonic() + limit_s
+    while not is_so():
         if time.monotonic() > end:
-            raise TimeoutError(f"the command did not begin: {log.read_text()[-2000:]}")
+            raise TimeoutError(f"nothing came of the command: {log.read_text()[-2000:]}")
         time.sleep(0.1)
 
 

@@ -4,9 +4,10 @@
     python tests/soak/quickstart_losses.py --reference FOLDER --folder EMPTY
 
 The request is the quickstart's: its subjects, its recipe and its methods, as the records of the
-reference have them. Generated subjects are copied from there; photos, body fits and meshes are made
-anew by two simulated Ray nodes of one core each. A node is cut off at random moments and another
-one is started. The report compares each number of each record, and the hashes of meshes.
+reference have them. Generated subjects are copied from there; photos (not with ``--photos 0``),
+body fits and meshes are made anew by two simulated Ray nodes of one core each. A node is cut off at
+random moments and another one is started. The report compares each number of each record, and the
+hashes of meshes.
 """
 
 from __future__ import annotations
@@ -43,12 +44,25 @@ class Plan:
         pause_s: Mean time between two losses.
         limit_s: Longest time for all.
         seed: Of the moments.
+        methods: Some of the quickstart's, with commas between them; empty takes all.
+        photos: Whether photos are made anew, 1 or 0; else those of the reference are copied.
     """
 
     losses: int = 10
     pause_s: float = 60.0
     limit_s: float = 3600.0
     seed: int = 7
+    methods: str = ""
+    photos: int = 1
+
+    def chosen(self, records: dict[str, Any]) -> dict[str, Any]:
+        """The records of the methods that were chosen."""
+        wanted = set(filter(None, self.methods.split(",")))
+        return {
+            cell: record
+            for cell, record in records.items()
+            if not wanted or cell.split("/")[0] in wanted
+        }
 
 
 @dataclass
@@ -102,10 +116,13 @@ def carry_out(plan: Plan, reference: Path, folder: Path) -> Report:
         reference: A workspace with a finished quickstart.
         folder: Becomes the workspace of this run.
     """
-    expected = timeless(reference / "runs" / _RUN)
+    expected = plan.chosen(timeless(reference / "runs" / _RUN))
     report = Report(len(expected))
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copytree(reference / "data", folder / "data")
+    if not plan.photos:
+        without = shutil.ignore_patterns(".shared")
+        shutil.copytree(reference / "captures", folder / "captures", ignore=without)
     methods = dict.fromkeys(cell.split("/")[0] for cell in expected)
     values = {
         **os.environ,
