@@ -18,6 +18,7 @@ __all__ = [
     "Configurable",
     "Context",
     "Deviation",
+    "EstimatedNormals",
     "Method",
     "MethodInfo",
     "NormalEstimator",
@@ -209,11 +210,35 @@ class Configurable(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatedNormals:
+    """Clothed normals of one photo, on its pixels.
+
+    Attributes:
+        front, back: (H, W, 3) of the side that the photo shows and of the hidden one: x right, y
+            up, z towards the viewer; 0 outside the mask.
+        front_error_deg, back_error_deg: (H, W) by how much the estimator expects each to be off;
+            None from one that does not say.
+    """
+
+    front: Floats
+    back: Floats
+    front_error_deg: Floats | None = None
+    back_error_deg: Floats | None = None
+
+
 class NormalEstimator(Protocol):
     """Predicts clothed normals from a photo and the body's normals."""
 
     def __call__(
         self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats
-    ) -> tuple[Floats, Floats]:
-        """Clothed front and back normals (H, W, 3): x right, y up, z towards the viewer."""
+    ) -> EstimatedNormals:
+        """The normals of both sides.
+
+        Args:
+            rgb: (H, W, 3) sRGB in [0, 1].
+            mask: (H, W) the subject's.
+            body_front: (H, W, 3) unit normals of the body's near side, 0 where there is none.
+            body_back: The same of its far side.
+        """
         ...

@@ -15,7 +15,7 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError, MethodError
 from harness.core.privileges import Privilege
-from harness.core.protocols import NormalEstimator, Part
+from harness.core.protocols import EstimatedNormals, NormalEstimator, Part
 from harness.core.settings import check_choice
 from methods.normals import installed
 from methods.normals.econ.estimator import econ_normals, econ_part
@@ -39,9 +39,9 @@ class BodyNormals:
         mask: Floats,  # noqa: ARG002
         body_front: Floats,
         body_back: Floats,
-    ) -> tuple[Floats, Floats]:
+    ) -> EstimatedNormals:
         """The body's maps as they are; see ``NormalEstimator``."""
-        return body_front, body_back
+        return EstimatedNormals(body_front, body_back)
 
 
 class ScanNormals:
@@ -57,7 +57,7 @@ class ScanNormals:
         mask: Floats,
         body_front: Floats,  # noqa: ARG002
         body_back: Floats,  # noqa: ARG002
-    ) -> tuple[Floats, Floats]:
+    ) -> EstimatedNormals:
         """The scan's near and far side in the camera; see ``NormalEstimator``."""
         if mask.shape != (self._camera.height, self._camera.width):
             raise MethodError(
@@ -65,7 +65,7 @@ class ScanNormals:
                 expected=f"{self._camera.width} x {self._camera.height} pixels",
                 got=f"{mask.shape[1]} x {mask.shape[0]}",
             )
-        return self._oracle(self._camera), self._oracle(self._camera, side="far")
+        return EstimatedNormals(self._oracle(self._camera), self._oracle(self._camera, side="far"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 The file has the inputs ``image`` (1, 3, H, W), sRGB in [-1, 1] and 0 outside the mask, and
 ``body_front``, ``body_back`` (1, 3, H, W), unit normals in the map frame; if it wants, ``mask``
 (1, 1, H, W), 1 on the subject and 0 elsewhere; and the outputs ``front`` and ``back``
-(1, 3, H, W) in the same frame, of any length. H and W are multiples of 32. It may also have
+(1, 3, H, W) in the same frame, of any length. H and W are multiples of 32. It may also have both
 ``front_error`` and ``back_error`` (1, 1, H, W), by how many radians it expects to be off. Its
 metadata says:
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.errors import DataError, MethodError
-from harness.core.protocols import Part
+from harness.core.protocols import EstimatedNormals, Part
 from harness.geometry.images import unit_normals
 from harness.geometry.window import Window
 from methods.normals.onnx_files import network_sha256
@@ -68,6 +68,7 @@ class OnnxNormals:
                 expected="metadata 'name' and 'licence'",
                 got=", ".join(sorted(about)) or "no metadata",
             )
+        self._says_errors = set(outputs) >= set(_OPTIONAL_OUTPUTS)
         self._background = _background(path, about)
         self._around_mask = _around_mask(path, about)
         self.training_set: str = about.get("training_set", "")
@@ -75,7 +76,7 @@ class OnnxNormals:
 
     def __call__(
         self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats
-    ) -> tuple[Floats, Floats]:
+    ) -> EstimatedNormals:
         """Clothed unit normals, 0 outside the mask; see ``NormalEstimator``.
 
         A pixel where the network answers with zero has no normal and stays 0.
@@ -85,7 +86,7 @@ class OnnxNormals:
         """
         inside = mask >= 0.5
         if not inside.any():
-            return np.zeros_like(body_front), np.zeros_like(body_back)
+            return EstimatedNormals(np.zeros_like(body_front), np.zeros_like(body_back))
         size = (mask.shape[1], mask.shape[0])
         window = mask_window(inside) if self._around_mask else whole_window(size)
         maps = {
@@ -94,11 +95,18 @@ class OnnxNormals:
             "body_back": window.cut(self._body(body_back), self._background),
             "mask": window.cut(inside[..., None].astype(np.float64)),
         }
+        answers = self._answers(maps, window)
         front, back = (
-            unit_normals(window.put_back(answer, size)) * inside[..., None]
-            for answer in self._answers(maps, window)
+            unit_normals(window.put_back(answers[name], size)) * inside[..., None]
+            for name in _OUTPUTS
         )
-        return front, back
+        if not self._says_errors:
+            return EstimatedNormals(front, back)
+        front_deg, back_deg = (
+            np.where(inside, np.degrees(window.put_back(answers[name], size)[..., 0]), 0.0)
+            for name in _OPTIONAL_OUTPUTS
+        )
+        return EstimatedNormals(front, back, front_deg, back_deg)
 
     def trial(self) -> None:
         """Let the network work on a small picture with a subject on it.
@@ -115,7 +123,7 @@ class OnnxNormals:
             answers = self(np.full((height, width, 3), 0.5), mask, body, -body)
         except MethodError as error:
             raise DataError(error.what, expected=error.expected, got=error.got) from error
-        if not all(np.isfinite(answer).all() for answer in answers):
+        if not (np.isfinite(answers.front).all() and np.isfinite(answers.back).all()):
             raise DataError(f"{self.part.name} answers with numbers that are not finite")
 
     def _fixed_size(self) -> tuple[int, int]:
@@ -128,25 +136,31 @@ class OnnxNormals:
         there = np.abs(normals).sum(axis=2, keepdims=True) > 0
         return np.where(there, normals, self._background)
 
-    def _answers(self, maps: Mapping[str, Floats], window: Window) -> list[Floats]:
-        """Both outputs (h, w, 3) on the window's pixels."""
+    def _answers(self, maps: Mapping[str, Floats], window: Window) -> dict[str, Floats]:
+        """All outputs (h, w, channels) on the window's pixels, by name."""
         feeds = {name: _batch(maps[name]) for name in self._inputs}
+        names = (*_OUTPUTS, *(_OPTIONAL_OUTPUTS if self._says_errors else ()))
         try:
-            answers = self._session.run(list(_OUTPUTS), feeds)
+            found = self._session.run(list(names), feeds)
         except Exception as error:  # onnxruntime has no public base of its errors
             raise MethodError(
                 f"{self.part.name} cannot work on {window.width} x {window.height} pixels",
                 got=str(error),
             ) from error
-        shape = (1, 3, window.height, window.width)
-        for name, answer in zip(_OUTPUTS, answers, strict=True):
+        answers = dict(zip(names, found, strict=True))
+        for name, answer in answers.items():
+            channels = 3 if name in _OUTPUTS else 1
+            shape = (1, channels, window.height, window.width)
             if answer.shape != shape:
                 raise MethodError(
                     f"{self.part.name} made another picture of '{name}' than it was given",
                     expected=str(shape),
                     got=str(answer.shape),
                 )
-        return [np.moveaxis(answer[0].astype(np.float64), 0, -1) for answer in answers]
+        return {
+            name: np.moveaxis(answer[0].astype(np.float64), 0, -1)
+            for name, answer in answers.items()
+        }
 
 
 def _require(path: Path, what: str, names: set[str], wanted: tuple[str, ...]) -> None:

@@ -29,6 +29,8 @@ class ViewMaps:
         front, back: (H, W, 3) clothed unit normals inside the mask, 0 outside.
         body_front, body_back: (H, W, 3) unit normals of the body, 0 where there is none.
         body_near_m, body_far_m: (H, W) depth of the body's two sides, NaN where there is none.
+        front_error_deg: (H, W) by how much ``front`` is expected to be off inside the mask; None
+            from an estimator that does not say.
     """
 
     view: WorkingView
@@ -38,6 +40,7 @@ class ViewMaps:
     body_back: Floats
     body_near_m: Floats
     body_far_m: Floats
+    front_error_deg: Floats | None = None
 
     def held_to(self, shape: Raycaster) -> ViewMaps:
         """The same normals with the depth of another body, such as one in its clothes."""
@@ -62,8 +65,8 @@ def view_maps(view: WorkingView, body: Raycaster, estimator: NormalEstimator) ->
         )
     body_front = body.normals_at(near, view.camera)
     body_back = body.normals_at(far, view.camera)
-    front, back = estimator(view.rgb, view.mask.astype(np.float64), body_front, body_back)
-    for name, normals in (("front", front), ("back", back)):
+    found = estimator(view.rgb, view.mask.astype(np.float64), body_front, body_back)
+    for name, normals in (("front", found.front), ("back", found.back)):
         if normals.shape != (*view.mask.shape, 3) or not np.isfinite(normals).all():
             raise MethodError(
                 f"the estimator's {name} normals of view {view.index} cannot be used",
@@ -72,12 +75,13 @@ def view_maps(view: WorkingView, body: Raycaster, estimator: NormalEstimator) ->
             )
     return ViewMaps(
         view=view,
-        front=filled_normals(front, view.mask),
-        back=filled_normals(back, view.mask),
+        front=filled_normals(found.front, view.mask),
+        back=filled_normals(found.back, view.mask),
         body_front=body_front,
         body_back=body_back,
         body_near_m=near.depth,
         body_far_m=far.depth,
+        front_error_deg=found.front_error_deg,
     )
 
 

@@ -35,6 +35,7 @@ from methods.nview.fusion import Fused, finished_surface, fused_surface, settled
 from methods.nview.settings import FusionSettings
 from methods.nview.silhouettes import silhouette_fit
 from methods.nview.start import clothed, start_surface
+from methods.nview.targets import trust
 from methods.nview.views import (
     MOST_VIEWS,
     FusionView,
@@ -268,17 +269,21 @@ class FusedMethod:
             picture = working_view(capture, view.index, self.settings.resolution)
             estimator = choice.estimator(picture.camera, context.privileged)
             maps = view_maps(picture, caster, estimator)
-            given.append(view.with_targets(_targets(maps)))
+            given.append(view.with_targets(_targets(maps, self.settings.trusted_deg)))
             # Not of all: memory is not to grow with the number of views.
             if view.index in (0, len(views) // 2):
                 shown.append(maps)
         return given, shown
 
 
-def _targets(maps: ViewMaps) -> NormalTargets:
+def _targets(maps: ViewMaps, trusted_deg: float) -> NormalTargets:
     camera = maps.view.camera
     to_world = OPENCV_TO_BLENDER_CAMERA[:3, :3] @ camera.rotation
-    return NormalTargets(camera, (maps.front @ to_world).astype(np.float32))
+    normals = (maps.front @ to_world).astype(np.float32)
+    weights = None
+    if maps.front_error_deg is not None and trusted_deg > 0:
+        weights = trust(maps.front_error_deg, trusted_deg).astype(np.float32)
+    return NormalTargets(camera, normals, weights)
 
 
 def _keep(

@@ -40,6 +40,8 @@ class FusionSettings:
             inflates its body by as much.
         facing_power: Exponent of the cosine between a view's normal and its line of sight, as the
             weight of that normal.
+        trusted_deg: A normal that its estimator expects to be off by so much counts half; 0
+            believes all alike.
         disagreement_deg: Views that differ so much from the mean of all lose 63 % of their weight.
         doubt_deg: From round ``doubt_from`` on, a face that is still so far from its target gives
             half of its weight up.
@@ -71,6 +73,7 @@ class FusionSettings:
     fine_rounds: int = 1
     margin_m: float = 0.02
     facing_power: float = 2.0
+    trusted_deg: float = 0.0
     disagreement_deg: float = 30.0
     doubt_deg: float = 30.0
     doubt_from: int = 4
@@ -97,6 +100,7 @@ class FusionSettings:
             ("fine_share", 0.2, 1.0, "times voxel_m"),
             ("voxel_m", 0.002, 0.05, "metres"),
             ("margin_m", 0.0, 0.2, "metres"),
+            ("trusted_deg", 0.0, 180.0, "degrees"),
         ):
             value = getattr(self, name)
             if not low <= value <= high:

@@ -14,7 +14,7 @@ from methods.closed.surfaces import Surface, lengths, unit
 from methods.nview.settings import FusionSettings
 from methods.nview.views import FusionView, NormalTargets
 
-__all__ = ["FusedTargets", "Sightings", "check_not_flipped", "fused_targets", "sightings"]
+__all__ = ["FusedTargets", "Sightings", "check_not_flipped", "fused_targets", "sightings", "trust"]
 
 #: A face is asked of a view if it looks at it by at least this cosine.
 _LEAST_FACING = 0.03
@@ -167,6 +167,15 @@ def _phantom(surface: Surface, seen: Sightings, count: int) -> Floats:
     against_deg = np.maximum(angle_deg, _CANCELLED_DEG * (1 - agreement))
     share = (against_deg - _PHANTOM_FROM_DEG) / _PHANTOM_WITHIN_DEG
     return (weight > _LEAST_SEEN) * np.clip(share, 0, 1)
+
+
+def trust(errors_deg: Floats, trusted_deg: float) -> Floats:
+    """(H, W) weights from 0 to 1 of normals that are expected to be off by errors (H, W).
+
+    One half at ``trusted_deg``. A normal's weight falls with its variance, and one that is exact
+    counts once and no more.
+    """
+    return 1.0 / (1.0 + (errors_deg / trusted_deg) ** 2)
 
 
 def check_not_flipped(surface: Surface, views: Sequence[FusionView]) -> None:

@@ -100,8 +100,8 @@ def judged_pair(pair: PrintPair, estimator: NormalEstimator) -> NormalsJudgement
 
 
 def _estimated(pair: PrintPair, rgb: Floats, estimator: NormalEstimator) -> _Estimate:
-    front, back = estimator(rgb, pair.mask.astype(np.float64), pair.body_front, pair.body_back)
-    return _Estimate(filled_normals(front, pair.mask), filled_normals(back, pair.mask))
+    found = estimator(rgb, pair.mask.astype(np.float64), pair.body_front, pair.body_back)
+    return _Estimate(filled_normals(found.front, pair.mask), filled_normals(found.back, pair.mask))
 
 
 def _angles_deg(estimate: Floats, truth: Floats, mask: Mask) -> Floats:

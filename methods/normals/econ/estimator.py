@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.errors import MethodError
-from harness.core.protocols import Part
+from harness.core.protocols import EstimatedNormals, Part
 from harness.geometry.images import resampled, unit_normals
 from methods.normals.econ.part import ECON_NORMALS, FILES
 from methods.parts.onnx_session import answers, open_session
@@ -56,7 +56,7 @@ class EconNormals:
 
     def __call__(
         self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats
-    ) -> tuple[Floats, Floats]:
+    ) -> EstimatedNormals:
         """Clothed unit normals (H, W, 3) on the same pixels, 0 outside the mask.
 
         A picture of another size than 512 is resampled to that size, and the answer back.
@@ -75,7 +75,7 @@ class EconNormals:
             unit_normals(_sized(_answer(session, photo, body), width)) * inside[..., None]
             for session, body in ((self._front, body_front), (self._back, body_back))
         )
-        return front, back
+        return EstimatedNormals(front, back)
 
 
 @functools.lru_cache(maxsize=1)

@@ -7,6 +7,7 @@ import pytest
 
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import content_hash
+from harness.core.protocols import EstimatedNormals
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.econ import econ
@@ -78,7 +79,7 @@ def test_a_body_beside_the_subject_is_refused(view, sphere):
 
 def test_an_estimator_without_numbers_is_refused(view, sphere):
     def broken(rgb, mask, body_front, body_back):
-        return body_front * np.nan, body_back
+        return EstimatedNormals(body_front * np.nan, body_back)
 
     with pytest.raises(MethodError, match="front normals of view 0 cannot be used"):
         view_maps(view, Raycaster(sphere(0.3)), broken)

@@ -105,7 +105,11 @@ def test_the_exported_file_is_an_estimator(stirred, tmp_path):
     mask[20:80, 10:60] = 1.0
     body = draw.normal(size=(2, 90, 70, 3)) * mask[..., None]
     body /= np.linalg.norm(body, axis=3, keepdims=True) + (mask == 0)[..., None]
-    front, back = estimator(draw.random((90, 70, 3)), mask, body[0], body[1])
-    for normals in (front, back):
+    found = estimator(draw.random((90, 70, 3)), mask, body[0], body[1])
+    for normals in (found.front, found.back):
         np.testing.assert_allclose(np.linalg.norm(normals, axis=2), mask, atol=1e-6)
-    assert np.abs(front - body[0]).max() > 0.01
+    assert np.abs(found.front - body[0]).max() > 0.01
+    for expected_deg in (found.front_error_deg, found.back_error_deg):
+        assert expected_deg is not None
+        assert ((expected_deg > 0) == (mask > 0)).all()
+        assert expected_deg.max() < 180

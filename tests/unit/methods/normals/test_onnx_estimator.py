@@ -50,10 +50,11 @@ def spied(path) -> tuple[OnnxNormals, Spy]:
 
 def test_maps_go_in_and_out_in_place(tmp_path, pictures, save_network):
     choice = NormalChoice("onnx", str(save_network(tmp_path / "n.onnx")))
-    front, back = choice.estimator(None, {})(*pictures)  # type: ignore[arg-type]
+    found = choice.estimator(None, {})(*pictures)  # type: ignore[arg-type]
     inside = pictures[1][..., None]
-    np.testing.assert_allclose(front, pictures[2] * inside, atol=1e-6)
-    np.testing.assert_allclose(back, pictures[3] * inside, atol=1e-6)
+    np.testing.assert_allclose(found.front, pictures[2] * inside, atol=1e-6)
+    np.testing.assert_allclose(found.back, pictures[3] * inside, atol=1e-6)
+    assert found.front_error_deg is None
     assert (choice.part.name, choice.part.licence) == ("mirror 1", "Apache-2.0")
     assert len(choice.part.sha256) == 64
 
@@ -63,13 +64,13 @@ def test_the_photo_is_centred_and_the_background_is_the_network_s_own(
 ):
     copies = {"front": "image", "back": "body_back"}
     path = save_network(tmp_path / "n.onnx", copies, body_background="0.25")
-    front, back = OnnxNormals(path)(*pictures)
+    found = OnnxNormals(path)(*pictures)
     inside = pictures[1] > 0
     photo = 2 * pictures[0][inside] - 1
     np.testing.assert_allclose(
-        front[inside], photo / np.linalg.norm(photo, axis=1, keepdims=True), atol=1e-5
+        found.front[inside], photo / np.linalg.norm(photo, axis=1, keepdims=True), atol=1e-5
     )
-    np.testing.assert_allclose(back[7, 20], np.full(3, 3**-0.5), atol=1e-6)
+    np.testing.assert_allclose(found.back[7, 20], np.full(3, 3**-0.5), atol=1e-6)
 
 
 @pytest.mark.parametrize("window", ["", "mask"])
@@ -98,7 +99,7 @@ def test_the_mask_is_fed_as_nought_and_one_where_it_is_wanted(tmp_path, pictures
     soft[0, :10] = 0.3
     copies = {"front": "mask", "back": "body_back"}
     network, spy = spied(save_network(tmp_path / "n.onnx", copies, inputs=WITH_MASK))
-    front, _ = network(pictures[0], soft, *pictures[2:])
+    front = network(pictures[0], soft, *pictures[2:]).front
     np.testing.assert_array_equal(spy.feeds["mask"][0, 0, :40, :50], pictures[1])
     np.testing.assert_allclose(front[pictures[1] > 0], 3**-0.5, atol=1e-6)
     assert (front[pictures[1] == 0] == 0).all()
@@ -129,11 +130,11 @@ def test_a_network_without_neighbours_does_not_mind_its_window(
     height, width = spy.feeds["image"].shape[2:]
     assert height == -(-(np.ptp(np.nonzero(mask)[0]) + 33) // 32) * 32
     assert width == -(-(np.ptp(np.nonzero(mask)[1]) + 33) // 32) * 32
-    for alone, part in zip(whole, windowed, strict=True):
+    for alone, part in ((whole.front, windowed.front), (whole.back, windowed.back)):
         np.testing.assert_array_equal(part, alone)
         assert part.shape == (201, 133, 3)
         assert (part[mask == 0] == 0).all()
-    np.testing.assert_allclose(np.linalg.norm(windowed[0][mask > 0], axis=1), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(windowed.front[mask > 0], axis=1), 1.0)
 
 
 def test_where_the_subject_stands_does_not_matter_to_a_window(tmp_path, pictures, save_network):
@@ -155,7 +156,8 @@ def test_a_trial_is_on_a_size_that_halves_five_times_and_not_six(tmp_path, save_
 def test_no_subject_no_normals(tmp_path, pictures, save_network, window):
     network = OnnxNormals(save_network(tmp_path / "n.onnx", window=window))
     answers = network(pictures[0], 0 * pictures[1], *pictures[2:])
-    assert [(answer == 0).all() for answer in answers] == [True, True]
+    assert not answers.front.any()
+    assert not answers.back.any()
 
 
 def test_all_cores_are_used(tmp_path, save_network, monkeypatch):

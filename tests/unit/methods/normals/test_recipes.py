@@ -52,7 +52,8 @@ def test_the_front_is_the_networks_and_the_back_the_bodys(
     front, back = (body.normals(view.camera, side) for side in ("near", "far"))
     colours = np.where(view.mask[..., None], truth / 2 + 0.5, 0.0)
     estimator = NormalChoice("onnx", "david").estimator(view.camera, {})
-    found, far = estimator(colours, view.mask.astype(float), front, back)
+    answer = estimator(colours, view.mask.astype(float), front, back)
+    found, far = answer.front, answer.back
     inner = np.abs(front).sum(2) > 0
     cosine = (found[inner] * truth[inner]).sum(1)
     assert np.degrees(np.arccos(cosine.clip(-1, 1))).max() < 1.0

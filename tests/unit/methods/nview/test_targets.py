@@ -12,7 +12,7 @@ from harness.core.settings import overridden
 from harness.geometry.topology import concatenated
 from methods.closed.surfaces import Surface
 from methods.nview.settings import FusionSettings
-from methods.nview.targets import fused_targets, sightings
+from methods.nview.targets import fused_targets, sightings, trust
 from methods.nview.views import NormalTargets, checked_views
 
 SETTINGS = FusionSettings(body="off")
@@ -115,3 +115,33 @@ def test_too_many_views_are_refused(ball, ring, views_of):
 def test_settings_that_cannot_be_are_refused(settings, said):
     with pytest.raises(HarnessError, match=said):
         overridden(FusionSettings(), settings)
+
+
+def test_trust_falls_with_the_variance():
+    weights = trust(np.array([0.0, 10.0, 20.0, 30.0]), 10.0)
+    np.testing.assert_allclose(weights, [1.0, 0.5, 0.2, 0.1])
+
+
+def test_views_that_say_that_they_are_off_lose_to_one_that_is_right(ball, ring, views_of):
+    """All views but one are tilted alike, and say so."""
+    surface = Surface(ball)
+    views = views_of(ball, ring())
+    turn = np.radians(25)
+    tilt = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
+
+    def off_deg(trusted_deg):
+        told = []
+        for number, view in enumerate(views):
+            maps = view.targets.normals_world
+            expected_deg = np.full(maps.shape[:2], 2.0 if number == 0 else 25.0)
+            weights = trust(expected_deg, trusted_deg).astype(np.float32) if trusted_deg else None
+            given = maps if number == 0 else (maps @ tilt).astype(np.float32)
+            told.append(view.with_targets(NormalTargets(view.camera, given, weights)))
+        targets = fused_targets(surface, told, SETTINGS, 9)
+        # Two neighbours see the front of the ball, too.
+        front = surface.centroids[:, 2] > 0.9 * surface.centroids[:, 2].max()
+        cosine = np.einsum("ij,ij->i", targets.normals, surface.face_normals)[front]
+        return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean())
+
+    assert off_deg(5.0) < 0.25 * off_deg(0.0)
+    assert off_deg(0.0) > 8.0

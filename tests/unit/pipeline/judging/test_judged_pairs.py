@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.core.cameras.camera import Camera, look_at
 from harness.core.errors import HarnessError
+from harness.core.protocols import EstimatedNormals
 from harness.pipeline.judging.judge import NetworkRow, to_markdown
 from harness.pipeline.judging.photos import NormalsJudgement, judged_pair
 from harness.pipeline.training.samples import PrintPair
@@ -42,7 +43,7 @@ def _pair():
 
 
 def test_the_truth_is_not_off_and_has_all_folds(pair):
-    found = judged_pair(pair, lambda *_: (pair.front, pair.back))
+    found = judged_pair(pair, lambda *_: EstimatedNormals(pair.front, pair.back))
     assert found.front_deg == pytest.approx(0.0, abs=1e-4)
     assert found.back_deg == pytest.approx(0.0, abs=1e-4)
     assert found.front_below_11_25 == 1.0
@@ -52,7 +53,7 @@ def test_the_truth_is_not_off_and_has_all_folds(pair):
 
 
 def test_a_flat_estimate_is_off_by_the_folds_and_has_none(pair):
-    found = judged_pair(pair, lambda rgb, mask, front, back: (front, back))
+    found = judged_pair(pair, lambda rgb, mask, front, back: EstimatedNormals(front, back))
     slope = 0.4 * np.sin(2 * np.pi * np.arange(10, SIDE - 10) / 6)
     assert found.front_deg == pytest.approx(np.degrees(np.arctan(np.abs(slope))).mean(), rel=1e-6)
     assert found.folds_share == pytest.approx(0.0, abs=1e-6)
@@ -63,7 +64,7 @@ def test_a_flat_estimate_is_off_by_the_folds_and_has_none(pair):
 def test_an_estimator_that_takes_prints_for_folds_is_found_out(pair):
     def fooled(rgb, mask, _front, back):
         slope = 0.2 * np.sin(2 * np.pi * np.arange(SIDE) / 6)[None, :] + rgb[..., 0] - 0.5
-        return tilted(slope) * mask[..., None], back
+        return EstimatedNormals(tilted(slope) * mask[..., None], back)
 
     found = judged_pair(pair, fooled)
     assert found.prints_gain > 0.2
@@ -71,8 +72,8 @@ def test_an_estimator_that_takes_prints_for_folds_is_found_out(pair):
 
 
 def test_means_are_of_each_number(pair):
-    one = judged_pair(pair, lambda *_: (pair.front, pair.back))
-    other = judged_pair(pair, lambda rgb, mask, front, back: (front, back))
+    one = judged_pair(pair, lambda *_: EstimatedNormals(pair.front, pair.back))
+    other = judged_pair(pair, lambda rgb, mask, front, back: EstimatedNormals(front, back))
     mean = NormalsJudgement.mean([one, other])
     assert mean.front_deg == pytest.approx(other.front_deg / 2)
     assert mean.true_folds_deg == pytest.approx(one.true_folds_deg)
