@@ -282,7 +282,7 @@ def _targets(maps: ViewMaps, trusted_deg: float) -> NormalTargets:
     normals = (maps.front @ to_world).astype(np.float32)
     weights = None
     if maps.front_error_deg is not None and trusted_deg > 0:
-        weights = trust(maps.front_error_deg, trusted_deg).astype(np.float32)
+        weights = trust(maps.front_error_deg, maps.view.mask, trusted_deg).astype(np.float32)
     return NormalTargets(camera, normals, weights)
 
 

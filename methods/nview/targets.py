@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats, Ints, Mask
 from harness.core.errors import MethodError
 from harness.core.process.threads import on_all_cores
 from methods.closed.surfaces import Surface, lengths, unit
@@ -169,13 +169,15 @@ def _phantom(surface: Surface, seen: Sightings, count: int) -> Floats:
     return (weight > _LEAST_SEEN) * np.clip(share, 0, 1)
 
 
-def trust(errors_deg: Floats, trusted_deg: float) -> Floats:
-    """(H, W) weights from 0 to 1 of normals that are expected to be off by errors (H, W).
+def trust(errors_deg: Floats, mask: Mask, trusted_deg: float) -> Floats:
+    """(H, W) weights of normals that are expected to be off by errors (H, W) within a mask (H, W).
 
-    One half at ``trusted_deg``. A normal's weight falls with its variance, and one that is exact
-    counts once and no more.
+    A normal's weight falls with its variance; one that is off by ``trusted_deg`` counts half as
+    much as an exact one. The median over the mask is 1, so that a view as a whole counts as much as
+    one whose errors nobody knows.
     """
-    return 1.0 / (1.0 + (errors_deg / trusted_deg) ** 2)
+    weights = 1.0 / (1.0 + (errors_deg / trusted_deg) ** 2)
+    return weights / np.median(weights[mask])
 
 
 def check_not_flipped(surface: Surface, views: Sequence[FusionView]) -> None:

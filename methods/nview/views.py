@@ -38,7 +38,7 @@ class NormalTargets:
     Attributes:
         camera: Camera of these pixels: the photo's own, or a crop of it at another size.
         normals_world: (H, W, 3) unit normals in the world frame, 0 outside the subject.
-        weights: (H, W) how far each is believed, 0 to 1; None believes all of them.
+        weights: (H, W) how much each counts, 0 for nothing; None lets all count once.
     """
 
     camera: Camera
