@@ -40,6 +40,8 @@ def prepare(scratch: Path, quickstart: Path) -> None:
     (scratch / _COMMIT).write_text(commit(), encoding="utf-8")
     for name in _MADE:
         shutil.copytree(quickstart / name, scratch / name)
+    # Commands that name no run mean this one.
+    shutil.copytree(scratch / "runs" / "quickstart", scratch / "runs" / "main")
 
 
 def chosen(plan: Plan, ways: Collection[str], only: str, again: bool) -> Iterator[tuple[str, str]]:
