@@ -11,7 +11,7 @@ import numpy as np
 from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
-from harness.core.protocols import NormalEstimator
+from harness.core.protocols import EstimatedNormals, NormalEstimator
 from harness.pipeline.training.samples import PrintPair
 from methods.normals.view_maps import filled_normals
 from metrics.folds import fold_correlation, fold_strength
@@ -67,14 +67,6 @@ class NormalsJudgement:
         return asdict(self)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Estimate:
-    """Normals (H, W, 3) of both sides, at every pixel of the mask."""
-
-    front: Floats
-    back: Floats
-
-
 def judged_pair(pair: PrintPair, estimator: NormalEstimator) -> NormalsJudgement:
     """An estimator on one scene, plain and printed.
 
@@ -99,9 +91,11 @@ def judged_pair(pair: PrintPair, estimator: NormalEstimator) -> NormalsJudgement
     )
 
 
-def _estimated(pair: PrintPair, rgb: Floats, estimator: NormalEstimator) -> _Estimate:
+def _estimated(pair: PrintPair, rgb: Floats, estimator: NormalEstimator) -> EstimatedNormals:
+    """What an estimator makes of one of the photos, at every pixel of the mask."""
     found = estimator(rgb, pair.mask.astype(np.float64), pair.body_front, pair.body_back)
-    return _Estimate(filled_normals(found.front, pair.mask), filled_normals(found.back, pair.mask))
+    front, back = (filled_normals(each, pair.mask) for each in (found.front, found.back))
+    return EstimatedNormals(front, back)
 
 
 def _angles_deg(estimate: Floats, truth: Floats, mask: Mask) -> Floats:
