@@ -11,7 +11,6 @@ run's but for times. Every second time, Ctrl-C comes when the run has filed a re
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -25,6 +24,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import psutil
+from plan_options import plan_parser
 from ray_nodes import Nodes, environment, workers_at_work
 from same_records import left_over, timeless, unequal
 from toy_place import Place
@@ -215,12 +215,7 @@ def _said(log: Path) -> tuple[str, ...]:
 
 def main() -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    for name, value in asdict(Plan()).items():
-        option = "--" + name.replace("_", "-")
-        parser.add_argument(option, type=type(value), default=value, metavar="N")
+    parser = plan_parser(__doc__, Plan())
     parser.add_argument("--folder", type=Path, help="an empty folder that stays")
     given = vars(parser.parse_args())
     folder = given.pop("folder")

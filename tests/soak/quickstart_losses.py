@@ -12,7 +12,6 @@ hashes of meshes.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -26,6 +25,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from plan_options import plan_parser
 from ray_nodes import Nodes, environment
 from same_records import left_over, numbers, timeless
 
@@ -205,12 +205,7 @@ def _compare_numbers(
 
 def main() -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    for name, value in asdict(Plan()).items():
-        option = "--" + name.replace("_", "-")
-        parser.add_argument(option, type=type(value), default=value, metavar="N")
+    parser = plan_parser(__doc__, Plan())
     parser.add_argument("--reference", type=Path, required=True, help="a finished quickstart")
     parser.add_argument("--folder", type=Path, help="an empty folder that stays")
     given = vars(parser.parse_args())

@@ -14,7 +14,6 @@ With ``--compare-nodes``, two quiet nodes are timed against one instead (``two_n
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import random
@@ -27,6 +26,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+from plan_options import plan_parser
 from ray_nodes import Nodes, environment
 from same_records import left_over, timeless, unequal
 from toy_place import Place
@@ -203,12 +203,7 @@ def _compare(runs: Path, report: Report) -> None:
 
 def main() -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    for name, value in asdict(Plan()).items():
-        option = "--" + name.replace("_", "-")
-        parser.add_argument(option, type=type(value), default=value, metavar="N")
+    parser = plan_parser(__doc__, Plan())
     parser.add_argument(
         "--folder", type=Path, help="an empty folder that stays, or one of a soak that was stopped"
     )
