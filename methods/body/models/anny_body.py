@@ -88,7 +88,10 @@ def _model() -> Any:
         ) from error
     # Anny builds its model files on first use and does not write them atomically.
     with exclusive_lock(anny.paths.get_anny_cache_path() / "harness.lock"):
-        return anny.Anny(topology="anny", skinning_method="lbs").to(torch.float32)
+        # Its compact blend shapes come from a decomposition whose rounding, and even whose choice
+        # of axes, depends on how many threads the machine had: fits would differ between machines.
+        model = anny.Anny(topology="anny", skinning_method="lbs", phenotype_blendshapes="original")
+        return model.to(torch.float32)
 
 
 @functools.lru_cache(maxsize=1)

@@ -81,6 +81,22 @@ def test_exported_parameters_make_the_same_body(anny, person):
         torch.testing.assert_close(getattr(again, name), getattr(posed, name), atol=1e-5, rtol=0)
 
 
+def test_shapes_are_those_of_the_files_and_no_decomposition_of_them(anny):
+    """A decomposition rounds, and turns, as the threads of the machine that made it have it."""
+    from anny.models import build_model_data
+    from anny.models.model_data import RigConfig, TopologyConfig
+
+    files = build_model_data(
+        rig=RigConfig.from_string("anny"),
+        topology=TopologyConfig.from_string("anny"),
+        local_changes="none",
+        facial_actions="none",
+    )
+    shapes = anny._model.blendshapes
+    assert shapes.dtype == torch.float32
+    assert torch.equal(shapes, files.blendshapes.to(torch.float32))
+
+
 def test_sparse_body_has_the_same_landmarks(anny, person):
     parameters, _, points = person
     sparse = anny.sparse()
