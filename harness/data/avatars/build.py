@@ -45,7 +45,7 @@ from harness.data.avatars.writer import TexturedMesh, write_avatar
 
 __all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
 
-AVATARS_VERSION = 8
+AVATARS_VERSION = 9
 """Changes whenever any output does. What changes only for clothes that crease is in ``Worn``."""
 
 _INNER_GAP_M = 0.0025
