@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Callable
 
@@ -51,8 +52,9 @@ def network(fill) -> Callable[[str], nn.Module]:
 
 
 def off(network: nn.Module, image: np.ndarray, body: np.ndarray, wanted: np.ndarray) -> float:
+    kind = next(network.parameters()).dtype
     with torch.no_grad():
-        found = network(*(torch.from_numpy(each[None].copy()) for each in (image, body)))
+        found = network(*(torch.from_numpy(each[None].copy()).to(kind) for each in (image, body)))
     return float(np.abs(found[0].numpy() - wanted).max())
 
 
@@ -65,7 +67,9 @@ def test_names_and_shapes_are_those_of_the_checkpoint(reference):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["netB", "netF"])
 def test_golden_vectors(network, golden, name):
-    assert off(network(name), golden["image"], golden[SIDES[name]], golden[f"{name}_raw"]) < GOLDEN
+    """In double precision: some processors' single precision is off by 7e-3."""
+    exact = copy.deepcopy(network(name)).double()
+    assert off(exact, golden["image"], golden[SIDES[name]], golden[f"{name}_raw"]) < GOLDEN
 
 
 #: What a network may be shown instead of photo, front and back of the body.
