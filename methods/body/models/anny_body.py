@@ -182,7 +182,10 @@ class AnnyBody:
 
         used, landmarks = sparse_vertices(self.landmarks, len(self._model.template_vertices))
         rows = torch.from_numpy(used)
-        model = copy.deepcopy(self._model)
+        # What is cut to the rows anyway is not copied first: the shapes alone are 100 MB.
+        large = ("template_vertices", "blendshapes", "dense_vertex_bone_weights")
+        shared = [getattr(self._model, name) for name in large]
+        model = copy.deepcopy(self._model, {id(values): values for values in shared})
         model.template_vertices = model.template_vertices[rows]
         model.blendshapes = model.blendshapes[:, rows]
         model.dense_vertex_bone_weights = model.dense_vertex_bone_weights[rows]
