@@ -11,11 +11,8 @@ Two kinds of text name a module without importing it. The dotted name of a worke
 
 from __future__ import annotations
 
-import ast
 import functools
-import hashlib
 import importlib.util
-import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,14 +20,12 @@ from importlib import metadata
 from pathlib import Path
 
 from harness.core.errors import HarnessError
+from harness.core.process.module_source import ModuleSource, module_source
 
 __all__ = ["OUR_PACKAGES", "SourceDigest", "SourceTree"]
 
 #: The packages that live beside each other in this distribution.
 OUR_PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
-
-_DIGITS = 16
-_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,19 +106,27 @@ class SourceTree:
         for root in roots:
             if self._file(root) is None:
                 raise HarnessError(f"there is no source of the module '{root}'")
-        found: dict[str, _Module] = {}
+        found: dict[str, ModuleSource] = {}
         outside: set[str] = set()
+        asked = set(without)
         waiting = list(roots)
         while waiting:
             for name in _with_parents(waiting.pop()):
-                path = None if name in found or name in without else self._file(name)
+                if name in asked:
+                    continue
+                asked.add(name)
+                path = self._file(name)
                 if path is None:
                     continue
-                found[name] = module = _parsed(path, name, *_stamp(path))
+                found[name] = module = module_source(path, name)
                 tops = {wanted: wanted.partition(".")[0] for wanted in module.imports}
                 outside |= {top for top in tops.values() if top not in self._places}
                 waiting += [wanted for wanted in tops if tops[wanted] in self._places]
-                waiting += [text for text in module.texts if self._file(text) is not None]
+                waiting += [
+                    text
+                    for text in module.texts
+                    if text not in asked and self._file(text) is not None
+                ]
         return SourceDigest(
             {name: found[name].digest for name in sorted(found)},
             _versions(outside - sys.stdlib_module_names),
@@ -145,93 +148,10 @@ class SourceTree:
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class _Module:
-    """One file.
-
-    Attributes:
-        digest: Digest of its code.
-        imports: Everything that it may import, as full dotted names; the last part of some is an
-            object in a module.
-        texts: Its strings that have the form of a dotted name.
-        identifiers: All names in its code.
-    """
-
-    digest: str
-    imports: tuple[str, ...]
-    texts: tuple[str, ...]
-    identifiers: frozenset[str]
-
-
-@functools.cache
-def _parsed(path: Path, name: str, _changed_ns: int, _size: int) -> _Module:
-    try:
-        tree = _Stripped().visit(ast.parse(path.read_bytes()))
-    except (SyntaxError, ValueError) as error:
-        raise HarnessError(f"{path} is no Python module", got=str(error)) from error
-    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    imports: dict[str, None] = {}
-    texts: dict[str, None] = {}
-    identifiers: set[str] = set()
-    for node in ast.walk(tree):
-        match node:
-            case ast.Import():
-                imports |= dict.fromkeys(alias.name for alias in node.names)
-            case ast.ImportFrom():
-                origin = _origin(node, package)
-                imports |= dict.fromkeys(f"{origin}.{alias.name}" for alias in node.names)
-                identifiers |= {alias.name for alias in node.names}
-            case ast.Constant(value=str(text)) if _DOTTED.fullmatch(text):
-                texts[text] = None
-            case ast.Name():
-                identifiers.add(node.id)
-            case ast.Attribute():
-                identifiers.add(node.attr)
-            case _:
-                pass
-    digest = hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:_DIGITS]
-    return _Module(digest, tuple(imports), tuple(texts), frozenset(identifiers))
-
-
-class _Stripped(ast.NodeTransformer):
-    """Removes what cannot change a result: docstrings, type-checking imports, version numbers."""
-
-    def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
-        # A release counts by its changed code, not by its number.
-        if any(isinstance(name, ast.Name) and name.id == "__version__" for name in node.targets):
-            return None
-        return self.generic_visit(node)
-
-    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
-            return None
-        return self.generic_visit(node)
-
-    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
-        self.generic_visit(node)
-        if ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
-            return node.orelse
-        return node
-
-
-def _origin(node: ast.ImportFrom, package: str) -> str:
-    """The full name of the module that a ``from`` import names."""
-    if not node.level:
-        return node.module or ""
-    base = package.split(".")
-    base = base[: len(base) - node.level + 1]
-    return ".".join([*base, *([node.module] if node.module else [])])
-
-
 def _with_parents(name: str) -> Iterator[str]:
     """``a``, ``a.b`` and ``a.b.c``: importing a module runs the packages that it is in."""
     parts = name.split(".")
     return (".".join(parts[: count + 1]) for count in range(len(parts)))
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    found = path.stat()
-    return found.st_mtime_ns, found.st_size
 
 
 def _place_of(top: str) -> Path:

@@ -201,7 +201,8 @@ def _halves(batch: Batch) -> bool:
     """Whether the processor multiplies bfloat16 matrices faster than float32."""
     if batch.image.is_cuda:
         return torch.cuda.is_bf16_supported()
-    return bool(torch.cpu.get_capabilities().get("amx_bf16", False))
+    able = torch.cpu.get_capabilities()
+    return bool(able.get("amx_bf16", False) or able.get("avx512_bf16", False))
 
 
 def _rate(progress: float) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.core.process import source_digest
+from harness.core.process import module_source
 from harness.core.process.source_digest import SourceTree
 
 MODULES = {
@@ -196,5 +196,5 @@ def test_a_file_is_parsed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     def parsed_again(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(source_digest.ast, "parse", parsed_again)
+    monkeypatch.setattr(module_source.ast, "parse", parsed_again)
     assert tree.digest(["methods.one"]) == first

@@ -12,7 +12,7 @@ import pytest
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.privileges import Privilege
-from harness.core.process import source_digest
+from harness.core.process import module_source, source_digest
 from harness.core.process.differences import differences
 from harness.core.protocols import MethodInfo, Part
 from harness.core.settings import MetricProtocol
@@ -80,7 +80,7 @@ def test_the_visual_hull_depends_on_no_network() -> None:
 
 
 def test_all_closures_together_take_less_than_a_second_of_work() -> None:
-    source_digest._parsed.cache_clear()
+    module_source._known.cache_clear()
     begin = time.process_time()
     for name in METHODS:
         method_code(METHODS.module(name), ())
