@@ -108,16 +108,19 @@ class SourceTree:
                 raise HarnessError(f"there is no source of the module '{root}'")
         found: dict[str, ModuleSource] = {}
         outside: set[str] = set()
-        asked = set(without)
+        asked, single = set(without), set[str]()
         waiting = list(roots)
         while waiting:
             for name in _with_parents(waiting.pop()):
                 if name in asked:
                     continue
                 asked.add(name)
-                path = self._file(name)
+                # Most names are of objects in a file, below which there is no other file.
+                path = None if name.rpartition(".")[0] in single else self._file(name)
                 if path is None:
-                    continue
+                    break
+                if path.name != "__init__.py":
+                    single.add(name)
                 found[name] = module = module_source(path, name)
                 tops = {wanted: wanted.partition(".")[0] for wanted in module.imports}
                 outside |= {top for top in tops.values() if top not in self._places}
