@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from PIL import Image
 from harness.core.files.atomic import exclusive_lock
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
+from tests.fork_server import ForkServer
 
 MANIFEST = """\
 schema: 1
@@ -152,24 +153,48 @@ def coarse_hull(coarse_package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
-def run_harness(world: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "harness.cli.main", *arguments]
-    return subprocess.run(
-        command, cwd=world, capture_output=True, text=True, timeout=300, check=False
-    )
+RunIn = Callable[..., "subprocess.CompletedProcess[str]"]
+
+#: What commands import, most of them anew each time, which is most of what they do.
+IMPORTED = (
+    "harness.cli.main",
+    *(f"harness.cli.verbs.running.{verb}" for verb in ("evaluate", "render", "score")),
+    *(f"harness.cli.verbs.showing.{verb}" for verb in ("check", "data", "report", "results")),
+    "matplotlib.figure",
+    "pandas",
+)
+
+
+@pytest.fixture(scope="session")
+def run_in() -> Iterator[RunIn]:
+    """``run_in(folder, "eval", "--method", "gt")``, in a process of its own that starts at once."""
+    server = ForkServer(IMPORTED)
+
+    def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+        with tempfile.TemporaryDirectory() as place:
+            output, errors = Path(place, "output"), Path(place, "errors")
+            code = server.run(
+                "harness.cli.main:main", arguments, folder=folder, output=output, errors=errors
+            )
+            return subprocess.CompletedProcess(
+                arguments, code, output.read_text(), errors.read_text()
+            )
+
+    yield run
+    server.close()
 
 
 @pytest.fixture
-def harness(world: Path) -> Run:
+def harness(world: Path, run_in: RunIn) -> Run:
     """``harness("eval", "--method", "gt")`` in the world, as a person would run it."""
-    return lambda *arguments: run_harness(world, *arguments)
+    return lambda *arguments: run_in(world, *arguments)
 
 
 EVAL = ("eval", "--dataset", "toy", "--recipe", "tiny")
 
 
 @pytest.fixture(scope="session")
-def finished_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished_world(tmp_path_factory: pytest.TempPathFactory, run_in: RunIn) -> Path:
     """A world with all photos and all records of ``gt``, made once for all test processes."""
     place = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -178,7 +203,7 @@ def finished_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with exclusive_lock(place / "finished-world.lock"):
         if not finished.exists():
             begun = tmp_path_factory.mktemp("begun-world")
-            done = run_harness(put_world(begun), *EVAL, "--method", "gt", "--jobs", "2")
+            done = run_in(put_world(begun), *EVAL, "--method", "gt", "--jobs", "2")
             assert done.returncode == 0, done.stderr
             begun.rename(finished)
     return finished
