@@ -18,7 +18,16 @@ from methods.nview.start import start_surface
 from methods.nview.views import NormalTargets, checked_views, fusion_view
 
 RADIUS = 0.2
-COARSE = FusionSettings(voxel_m=0.012, body="off")
+#: As coarse as the bounds below allow: the time is in the number of faces and of pixels.
+COARSE = FusionSettings(voxel_m=0.02, body="off")
+#: Fine enough that a surface that ignores the normals misses the bounds.
+FINER = FusionSettings(voxel_m=0.012, body="off")
+
+
+@pytest.fixture(scope="module")
+def half_ring(ring):
+    """``half_ring(views)``: as ``ring``, with pixels of 4 mm."""
+    return lambda views=8: tuple(each.resized(180, 240) for each in ring(views))
 
 
 def fused(views, settings=COARSE):
@@ -69,7 +78,7 @@ def genus(mesh: Mesh) -> int:
 
 def test_a_sphere_is_found_from_its_outlines_and_normals(ball, ring, views_of):
     views = views_of(ball, ring())
-    start, mesh = fused(views)
+    start, mesh = fused(views, FINER)
     assert_sound(mesh, views)
     # The hull's corners stand out by up to 1 / cos(360 / 32) - 1 = 2 % of the radius, and its
     # poles, where no camera looks along the surface, by more.
@@ -80,18 +89,18 @@ def test_a_sphere_is_found_from_its_outlines_and_normals(ball, ring, views_of):
 
 
 @pytest.mark.slow
-def test_equal_input_gives_equal_output(ball, ring, views_of):
-    once, again = (fused(views_of(ball, ring(4)))[1] for _ in range(2))
+def test_equal_input_gives_equal_output(ball, half_ring, views_of):
+    once, again = (fused(views_of(ball, half_ring(4)))[1] for _ in range(2))
     np.testing.assert_array_equal(once.vertices, again.vertices)
     np.testing.assert_array_equal(once.faces, again.faces)
 
 
 @pytest.mark.slow
-def test_an_ellipsoid_is_found(shape, ring, views_of):
+def test_an_ellipsoid_is_found(shape, half_ring, views_of):
     radii = np.array([0.2, 0.3, 0.12])
     mesh = shape(lambda p: (1 - np.linalg.norm(p / radii, axis=1)) * radii.min(), 0.32, 0.006)
-    views = views_of(mesh, ring())
-    _, found = fused(views)
+    views = views_of(mesh, half_ring())
+    _, found = fused(views, FINER)
     assert_sound(found, views)
     # To first order the distance to the surface is that of the level function over its slope.
     level = np.linalg.norm(found.vertices / radii, axis=1)
@@ -104,21 +113,19 @@ def test_an_ellipsoid_is_found(shape, ring, views_of):
 
 @pytest.mark.slow
 def test_folds_that_no_outline_shows_appear(shape, ring, views_of):
-    """Flutes of 2 cm around a post of 15 cm, 4 mm deep: slopes of 32 degrees.
+    """Flutes of 2 cm around a post of 7 cm, 4 mm deep: slopes of 32 degrees.
 
     Every outline runs along the tops, so that the surface settles 3 mm outside the mean, where the
     maps of neighbouring views are that much out of step: half of the depth is found.
     """
-    around, amplitude, half = 47, 0.002, 0.035
+    around, radius, amplitude, half = 22, 0.07, 0.002, 0.025
 
     def post(points):
-        radius = np.hypot(points[:, 0], points[:, 2])
+        inward = radius - np.hypot(points[:, 0], points[:, 2])
         angle = np.arctan2(points[:, 0], points[:, 2])
-        return np.minimum(
-            0.15 + amplitude * np.cos(around * angle) - radius, half - np.abs(points[:, 1])
-        )
+        return np.minimum(inward + amplitude * np.cos(around * angle), half - np.abs(points[:, 1]))
 
-    views = views_of(shape(post, 0.17, 0.0025), ring())
+    views = views_of(shape(post, 0.08, 0.0025), ring())
     start, mesh = fused(views, FusionSettings(voxel_m=0.004, body="off"))
     assert_sound(mesh, views)
 
@@ -129,8 +136,8 @@ def test_folds_that_no_outline_shows_appear(shape, ring, views_of):
         heights = np.linspace(-half / 2, half / 2, 9)
         origins = np.repeat(heights, len(angle))[:, None] * np.array([[0.0, 1.0, 0.0]])
         met = Raycaster(surface).answer(origins, np.tile(outward, (9, 1)))["t_hit"].numpy()
-        radius = met.reshape(9, -1).mean(axis=0)
-        return 2 * np.abs(np.fft.rfft(radius)[around]) / len(angle) / amplitude
+        profile = met.reshape(9, -1).mean(axis=0)
+        return 2 * np.abs(np.fft.rfft(profile)[around]) / len(angle) / amplitude
 
     assert recovered(start) < 0.05
     assert 0.4 < recovered(mesh) < 1.1
@@ -143,7 +150,7 @@ def test_a_hole_stays_a_hole(shape, ring, views_of):
         return 0.06 - np.hypot(around, points[:, 2])
 
     views = views_of(shape(torus, 0.24, 0.005), ring())
-    _, mesh = fused(views)
+    _, mesh = fused(views, FINER)
     assert_sound(mesh, views)
     assert genus(mesh) == 1
     around = np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1]) - 0.16
@@ -172,8 +179,8 @@ GAP = Lattice(np.array([0.0, -0.15, 0.0]), 0.02, (1, 9, 1))
 
 
 @pytest.mark.slow
-def test_a_body_keeps_limbs_apart_whose_gap_no_outline_shows(legs, ring, views_of):
-    views = views_of(legs, ring())
+def test_a_body_keeps_limbs_apart_whose_gap_no_outline_shows(legs, half_ring, views_of):
+    views = views_of(legs, half_ring())
     settings = FusionSettings(voxel_m=0.01, margin_m=0.01)
     start = start_surface(views, settings.voxel_m, legs, settings.margin_m)
     mesh = fused_surface(start, views, settings).mesh
@@ -181,12 +188,12 @@ def test_a_body_keeps_limbs_apart_whose_gap_no_outline_shows(legs, ring, views_o
     assert not winding(mesh, GAP).any()
 
 
-def test_limbs_that_the_hull_joins_are_told(legs, ball, ring, views_of):
+def test_limbs_that_the_hull_joins_are_told(legs, ball, half_ring, views_of):
     """Without a body the gap stays filled, and the report says that the views contradict it."""
-    settings = FusionSettings(voxel_m=0.012, body="off", rounds=1)
+    settings = FusionSettings(voxel_m=0.015, body="off", rounds=1)
 
     def contradicted(mesh):
-        views = views_of(mesh, ring())
+        views = views_of(mesh, half_ring())
         start = start_surface(views, settings.voxel_m, None, settings.margin_m)
         return winding(start, GAP).all(), moved_once(Surface(start), views, settings, 0)[1]
 
@@ -198,9 +205,10 @@ def test_limbs_that_the_hull_joins_are_told(legs, ball, ring, views_of):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 4, 5, 16])
-def test_any_number_of_views_will_do(count, ball, ring, views_of):
-    views = views_of(ball, ring(count))
-    _, mesh = fused(views)
+def test_any_number_of_views_will_do(count, ball, half_ring, views_of):
+    views = views_of(ball, half_ring(count))
+    # With many views the outlines alone are near the ball, and nearer on a coarse grid.
+    _, mesh = fused(views, FINER if count > 5 else COARSE)
     assert_sound(mesh, views)
     # Three views leave a ring of the surface to two oblique ones.
     assert off_sphere_mm(mesh).mean() < (3.0 if count == 3 else 1.0)
@@ -209,7 +217,7 @@ def test_any_number_of_views_will_do(count, ball, ring, views_of):
 @pytest.mark.slow
 def test_64_views_will_do(ball, ring, views_of):
     views = views_of(ball, [camera.resized(180, 240) for camera in ring(64)])
-    _, mesh = fused(views)
+    _, mesh = fused(views, FINER)
     assert_sound(mesh, views)
     assert off_sphere_mm(mesh).mean() < 0.4
 
@@ -217,7 +225,7 @@ def test_64_views_will_do(ball, ring, views_of):
 @pytest.mark.slow
 def test_views_may_be_uneven_pitched_and_of_different_sizes(ball, views_of):
     cameras = [
-        RingRig(1, 1.2 + 0.1 * index, pitch, first_yaw_deg=yaw).cameras(240 + 40 * index, 480)[0]
+        RingRig(1, 1.2 + 0.1 * index, pitch, first_yaw_deg=yaw).cameras(120 + 20 * index, 240)[0]
         for index, (yaw, pitch) in enumerate(((0, 20), (50, -15), (110, 35), (200, 0), (290, 60)))
     ]
     views = views_of(ball, cameras)
@@ -227,10 +235,10 @@ def test_views_may_be_uneven_pitched_and_of_different_sizes(ball, views_of):
 
 
 @pytest.mark.slow
-def test_a_view_that_the_frame_cuts_does_not_carve(ball, ring, views_of):
-    cameras = list(ring())
+def test_a_view_that_the_frame_cuts_does_not_carve(ball, half_ring, views_of):
+    cameras = list(half_ring())
     left = cameras[2]
-    cameras[2] = left.cropped(180, 0, 120, 480)  # half of the ball, and no outline on that side
+    cameras[2] = left.cropped(90, 0, 60, 240)  # half of the ball, and no outline on that side
     views = views_of(ball, cameras)
     _, mesh = fused(views)
     assert_sound(mesh, views)
@@ -255,9 +263,9 @@ def test_masks_may_be_two_pixels_off(ball, ring, views_of):
     assert normal_error_deg(mesh, radial(mesh.vertices[mesh.faces].mean(axis=1))) < 5.0
 
 
-def test_weights_tell_which_normals_to_leave(ball, ring, views_of):
+def test_weights_tell_which_normals_to_leave(ball, half_ring, views_of):
     """One view's normals are nonsense, and its weights say so."""
-    views = views_of(ball, ring())
+    views = views_of(ball, half_ring())
     given = views[0].targets
     shown = given.normals_world.any(axis=2)
     wrong = np.array([0.0, 0.6, -0.8]) @ views[0].camera.rotation
@@ -269,8 +277,8 @@ def test_weights_tell_which_normals_to_leave(ball, ring, views_of):
 
 
 @pytest.mark.slow
-def test_outlines_alone_give_the_hull_smoothed(ball, ring, views_of):
-    views = [view.with_targets(None) for view in views_of(ball, ring())]
+def test_outlines_alone_give_the_hull_smoothed(ball, half_ring, views_of):
+    views = [view.with_targets(None) for view in views_of(ball, half_ring())]
     _, mesh = fused(views)
     assert_sound(mesh, views)
     assert off_sphere_mm(mesh).mean() < 4.0
@@ -287,8 +295,8 @@ def test_outlines_alone_give_the_hull_smoothed(ball, ring, views_of):
         ("mirrored normals", "mirrored from left to right"),
     ],
 )
-def test_bad_input_ends_in_a_sentence(bad, said, ball, ring, views_of):
-    cameras = ring()
+def test_bad_input_ends_in_a_sentence(bad, said, ball, half_ring, views_of):
+    cameras = half_ring()
     views = views_of(ball, cameras)
     if bad == "two views":
         views = views[:2]
@@ -323,7 +331,7 @@ def test_bad_input_ends_in_a_sentence(bad, said, ball, ring, views_of):
     assert "\n" not in str(error.value)
 
 
-def test_cameras_in_the_wrong_order_are_refused(shape, ring, views_of):
+def test_cameras_in_the_wrong_order_are_refused(shape, half_ring, views_of):
     """Photos that were taken clockwise, with cameras that go the other way round."""
 
     def figure(points):
@@ -333,7 +341,7 @@ def test_cameras_in_the_wrong_order_are_refused(shape, ring, views_of):
         return np.maximum(trunk, arm)
 
     mesh = shape(figure, 0.33, 0.006)
-    taken = ring()
+    taken = half_ring()
     caster = Raycaster(mesh)
     views = []
     for index, camera in enumerate(taken):

@@ -11,6 +11,7 @@ import pytest
 from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, MethodError
+from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
@@ -20,7 +21,13 @@ from methods.nview.method import mexecon_plus
 from methods.nview.views import even_choice
 from tests.unit.methods.stereo.conftest import grain, picture
 
-SMALL = {"nview.voxel_m": "0.016", "nview.resolution": "160"}
+#: Photos are matched at half their size, in windows that are as wide as in full.
+SMALL = {
+    "nview.voxel_m": "0.014",
+    "nview.resolution": "160",
+    "match.pixel_m": "0.0045",
+    "match.radius_px": "2",
+}
 
 
 def photograph(mesh, cameras, folder) -> Capture:
@@ -31,6 +38,12 @@ def photograph(mesh, cameras, folder) -> Capture:
         rgba = np.dstack([np.full((*alpha.shape, 3), 128, np.uint8), alpha])
         save_png(folder / image_name(view), rgba)
     return Capture("toy", "s", "r", "k", folder, tuple(cameras))
+
+
+@pytest.fixture(scope="module")
+def small_ball(ball) -> Mesh:
+    """A sphere of 10 cm: the surface that follows photos has a quarter of the faces."""
+    return Mesh(ball.vertices / 2, ball.faces)
 
 
 def context(folder, mesh=None) -> Context:
@@ -73,12 +86,12 @@ def test_unknown_settings_get_the_nearest():
         mexecon_plus.configured({"nview.voxel": "0.01"})
 
 
-def test_from_files_to_a_surface_without_a_body(ball, ring, tmp_path):
+def test_from_files_to_a_surface_without_a_body(small_ball, ring, tmp_path):
     settings = {"body": "off", "nview.normals": "oracle", **SMALL}
-    capture = photograph(ball, ring(6), tmp_path)
-    found = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path, ball))
+    capture = photograph(small_ball, ring(6), tmp_path)
+    found = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path, small_ball))
     assert open_edges(found.mesh) == 0
-    assert np.abs(np.linalg.norm(found.mesh.vertices, axis=1) - 0.2).mean() < 0.001
+    assert np.abs(np.linalg.norm(found.mesh.vertices, axis=1) - 0.1).mean() < 0.001
     assert found.body is None
     assert found.normals == ()
     fusion = found.details["fusion"]
@@ -87,12 +100,12 @@ def test_from_files_to_a_surface_without_a_body(ball, ring, tmp_path):
     assert found.details["photos"]["points"] == 0
 
 
-def test_outlines_alone(ball, ring, tmp_path):
+def test_outlines_alone(small_ball, ring, tmp_path):
     settings = {"body": "off", "nview.normals": "off", "nview.rounds": "1", **SMALL}
-    capture = photograph(ball, ring(6), tmp_path)
+    capture = photograph(small_ball, ring(6), tmp_path)
     mesh = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path)).mesh
     assert open_edges(mesh) == 0
-    assert mesh.signed_volume == pytest.approx(4 / 3 * np.pi * 0.2**3, rel=0.15)
+    assert mesh.signed_volume == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.15)
 
 
 @pytest.mark.slow

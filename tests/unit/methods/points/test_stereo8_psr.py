@@ -19,7 +19,13 @@ from methods.from_points.stereo8_psr import stereo8_psr
 from methods.stereo import surface
 from methods.stereo8 import stereo8
 from tests.unit.methods.stereo.conftest import CAMERAS, grain, picture
-from tests.unit.methods.stereo.test_stereo8 import CENTRE_M, egg, given_body, off_mm  # noqa: F401
+from tests.unit.methods.stereo.test_stereo8 import (
+    CENTRE_M,
+    QUICK,
+    egg,
+    given_body,  # noqa: F401
+    off_mm,
+)
 
 
 @pytest.mark.slow
@@ -31,7 +37,7 @@ def test_points_become_a_closed_surface_also_at_the_hands(tmp_path, monkeypatch)
     capture = Capture("toy", "egg", "r", "k", tmp_path, CAMERAS)
     share = SharedResults(tmp_path / "shared", StageMeter(), lambda: True)
     context = Context(0, tmp_path, lambda _: contextlib.nullcontext(), keep=True, share=share)
-    method = stereo8_psr.configured({"mesh.depth": "7", "mesh.trim": "0.1"})
+    method = stereo8_psr.configured({"mesh.depth": "7", "mesh.trim": "0.1", **QUICK})
     result = method.reconstruct(capture, context)
     assert result.body is not None
     assert result.details["points"] > 5000
@@ -49,7 +55,7 @@ def test_points_become_a_closed_surface_also_at_the_hands(tmp_path, monkeypatch)
     assert again.vertices.tobytes() == result.mesh.vertices.tobytes()
     assert share.taken == ["photo points"]
     with pytest.raises(TypeError, match="NoneType"):
-        stereo8.configured({"match.tries": "5"}).reconstruct(capture, context)
+        stereo8.configured({**QUICK, "match.tries": "5"}).reconstruct(capture, context)
 
 
 def test_settings_are_those_that_it_uses():

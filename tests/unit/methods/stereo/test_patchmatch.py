@@ -92,15 +92,16 @@ def test_stripes_along_the_line_between_the_cameras_tell_no_depth(sphere, around
 @pytest.mark.slow
 @pytest.mark.parametrize("wave_m", [0.016, 0.03])
 def test_upright_stripes_are_not_locked_to_a_wrong_period(sphere, around, wave_m):
-    views = photographs(sphere, CAMERAS, stripes((0.8, 0.3, 0.52), wave_m))
+    cameras = tuple(CAMERAS[view] for view in (7, 0, 1))
+    views = photographs(sphere, cameras, stripes((0.8, 0.3, 0.52), wave_m))
     points = stereo_points(views, around, SETTINGS)
     assert (off_sphere_mm(points) < 3.0).mean() > 0.9
 
 
 @pytest.mark.slow
 def test_noise_and_wrong_cameras_leave_fewer_points(textured, sphere, around):
-    cameras = tuple(CAMERAS[view] for view in (7, 0, 1))
-    exact = [textured[view] for view in (7, 0, 1)]
+    cameras = tuple(CAMERAS[view] for view in (0, 1))
+    exact = [textured[view] for view in (0, 1)]
     counts = [len(stereo_points(exact, around, SETTINGS))]
     for noise in (8.0, 40.0):
         noisy = photographs(sphere, cameras, grain, noise)
