@@ -24,6 +24,8 @@ import hashlib, importlib.util, json, os, sys
 from importlib import metadata
 found = {"python": sys.version.split()[0], "missing": [], "versions": {}, "sha256": "", "place": ""}
 names = sys.argv[1:]
+# It reads the lists of all files that are installed: once.
+listed = getattr(metadata, "packages_distributions", dict)()
 for name in names:
     try:
         spec = importlib.util.find_spec(name)
@@ -33,9 +35,7 @@ for name in names:
         found["missing"].append(name)
         continue
     top = name.split(".")[0]
-    for distribution in metadata.packages_distributions().get(top, []) if hasattr(
-        metadata, "packages_distributions"
-    ) else [top]:
+    for distribution in listed.get(top, []) if listed else [top]:
         try:
             found["versions"][distribution] = metadata.version(distribution)
         except metadata.PackageNotFoundError:

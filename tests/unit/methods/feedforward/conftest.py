@@ -90,10 +90,10 @@ class VGGT(nn.Module):
 """
 
 
-@pytest.fixture
-def fake_package(tmp_path) -> Path:
+@pytest.fixture(scope="session")
+def fake_package(tmp_path_factory) -> Path:
     """A folder to be put on a path: ``vggt`` is a namespace package, as upstream's is."""
-    folder = tmp_path / "site"
+    folder = tmp_path_factory.mktemp("package") / "site"
     (folder / "vggt" / "models").mkdir(parents=True)
     (folder / "vggt" / "models" / "vggt.py").write_text(textwrap.dedent(PACKAGE))
     for name in ("einops", "huggingface_hub"):
@@ -102,10 +102,13 @@ def fake_package(tmp_path) -> Path:
     return folder
 
 
-@pytest.fixture
-def foreign_python(tmp_path, fake_package) -> Path:
-    """An interpreter that has the package, while the harness's own has not."""
-    program = tmp_path / "python-with-vggt"
+@pytest.fixture(scope="session")
+def foreign_python(fake_package) -> Path:
+    """An interpreter that has the package, while the harness's own has not.
+
+    One for all tests: what it has is asked once a process, which takes a second.
+    """
+    program = fake_package.parent / "python-with-vggt"
     program.write_text(f'#!/bin/sh\nPYTHONPATH={fake_package} exec {sys.executable} "$@"\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     return program

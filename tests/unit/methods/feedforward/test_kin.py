@@ -117,9 +117,11 @@ def parts_folder(tmp_path, monkeypatch) -> Path:
     return tmp_path / "parts"
 
 
-@pytest.fixture
-def python(tmp_path) -> Path:
-    site = tmp_path / "site"
+@pytest.fixture(scope="module")
+def python(tmp_path_factory) -> Path:
+    """One for all tests: what it has is asked once a process, which takes a second."""
+    folder = tmp_path_factory.mktemp("interpreter")
+    site = folder / "site"
     for package, module, source in (
         ("depth_anything_3", "api", DA3_PACKAGE),
         ("mapanything", "models", MAPANYTHING_PACKAGE),
@@ -127,7 +129,7 @@ def python(tmp_path) -> Path:
         (site / package).mkdir(parents=True)
         (site / package / "__init__.py").write_text("")
         (site / package / f"{module}.py").write_text(source)
-    program = tmp_path / "python"
+    program = folder / "python"
     program.write_text(f'#!/bin/sh\nPYTHONPATH={site} exec {sys.executable} "$@"\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     return program

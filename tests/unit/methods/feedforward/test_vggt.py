@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +19,14 @@ from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods,
 from methods.feedforward import memory
 from methods.feedforward.parts import VGGT
 from methods.feedforward.poses import decoded_cameras
+from methods.foreign import exchange
 from methods.foreign.exchange import asked
 from methods.foreign.interpreter import Interpreter
 from methods.foreign.manifest import read_worker
 from methods.from_points.feedforward import vggt2, vggt8
 from methods.points.alignment import Similarity
 from methods.points.frames import fitted_frame, fitted_picture
+from tests.fork_server import ForkServer
 from tests.unit.methods.feedforward.conftest import write_answer
 from tests.unit.methods.feedforward.test_conventions import GOLDEN, golden, needs_golden
 from tests.unit.methods.points.conftest import ball, capture, context  # noqa: F401
@@ -157,8 +161,6 @@ def test_two_views_and_bfloat16(
 def test_it_runs_in_the_harness_own_environment_too(
     parts_folder, weights, fake_package, answers, capture, context, ball, monkeypatch  # noqa: F811
 ):  # fmt: skip
-    import os
-
     monkeypatch.setenv("PYTHONPATH", f"{fake_package}:{os.environ.get('PYTHONPATH', '')}")
     answers((0, 4))
     imported(weights, None)
@@ -221,6 +223,36 @@ def test_the_small_network_gives_the_points_of_the_networks_own_code(small, fore
         np.testing.assert_allclose(found, points.reshape(-1, 3), atol=1e-5 * np.abs(points).max())
 
 
+@pytest.fixture(scope="module")
+def torch_server() -> Iterator[ForkServer]:
+    """Imports torch once."""
+    server = ForkServer(["numpy", "torch"])
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def warm(torch_server, fake_package, monkeypatch):
+    """The worker's script runs in a fork of a process that has torch already.
+
+    Only for workers that have to refuse or to fail: that the interpreter starts a worker that
+    answers is shown above, and importing torch takes longer than all that they do.
+    """
+
+    def run(_worker, words: list[str], environment: dict[str, str], log: Path) -> int:
+        script, *arguments = words[-3:]
+        return torch_server.run(
+            script,
+            arguments,
+            folder=log.parent,
+            output=log,
+            errors=log,
+            environment={**environment, "PYTHONPATH": str(fake_package)},
+        )
+
+    monkeypatch.setattr(exchange, "_run", run)
+
+
 MISTAKES = {
     "colours exchanged": lambda images: images[..., ::-1],
     "views exchanged": lambda images: images[[1, 0, 2]],
@@ -231,7 +263,7 @@ MISTAKES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_other_pictures_are_noticed(mistake, small, foreign_python):
+def test_other_pictures_are_noticed(mistake, small, foreign_python, warm):
     images, _, weights = small
     with pytest.raises(MethodError, match="other pictures than expected"):
         ask(np.ascontiguousarray(MISTAKES[mistake](images)), weights, foreign_python)
@@ -248,12 +280,14 @@ FORKS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fork", FORKS)
-def test_forks_that_mean_something_else_are_refused(fork, small, foreign_python, monkeypatch):
+def test_forks_that_mean_something_else_are_refused(
+    fork, small, foreign_python, warm, tmp_path, monkeypatch
+):
     images, said, weights = small
     if fork == "logits":
         low = {**said, "confidence": np.ones_like(said["confidence"])}
-        write_answer(foreign_python.parent / "low.npz", images=images, **low)
-        monkeypatch.setenv("FAKE_VGGT", str(foreign_python.parent / "low.npz"))
+        write_answer(tmp_path / "low.npz", images=images, **low)
+        monkeypatch.setenv("FAKE_VGGT", str(tmp_path / "low.npz"))
     monkeypatch.setenv("FAKE_VGGT_FORK", fork)
     with pytest.raises(MethodError, match=FORKS[fork]):
         ask(images, weights, foreign_python)
