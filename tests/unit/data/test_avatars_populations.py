@@ -1,5 +1,6 @@
 """The sealed split and wide training: poses, people and looks that nothing else has."""
 
+import functools
 import json
 
 import numpy as np
@@ -33,8 +34,12 @@ DOWN = Limb((90, 90), (90, 90))
 HANGING = Pose((DOWN, DOWN), (DOWN, DOWN))
 
 
+#: Drawing a subject takes up to half a second, and most tests ask for all of them.
+recipe_of = functools.cache(recipe_for)
+
+
 def poses(ids):
-    return [recipe_for(subject).posture for subject in ids]
+    return [recipe_of(subject).posture for subject in ids]
 
 
 def least_distance(some, others):
@@ -42,13 +47,13 @@ def least_distance(some, others):
 
 
 def fabrics(ids):
-    recipes = [recipe_for(subject) for subject in ids]
+    recipes = [recipe_of(subject) for subject in ids]
     found = [(r.top.fabric, r.top.inner, r.bottom and r.bottom.fabric) for r in recipes]
     return [fabric for group in found for fabric in group if fabric]
 
 
 def cuts(ids):
-    return {(r.top.chest, r.top.hem, r.top.sleeve) for r in map(recipe_for, ids)}
+    return {(r.top.chest, r.top.hem, r.top.sleeve) for r in map(recipe_of, ids)}
 
 
 def test_the_written_list_and_the_first_training_subjects_are_what_they_always_were():
@@ -85,7 +90,7 @@ def test_wide_trainings_poses_keep_their_distance_from_test_and_sealed_poses():
 
 @pytest.mark.parametrize("subject", [*SEALED, *WIDE[:5]])
 def test_every_person_is_an_adult_outside_the_usual_height_or_weight(subject):
-    phenotype = recipe_for(subject).phenotype
+    phenotype = recipe_of(subject).phenotype
     height, weight = phenotype["height"], phenotype["weight"]
     usual = USUAL_HEIGHT[0] <= height <= USUAL_HEIGHT[1]
     usual = usual and USUAL_WEIGHT[0] <= weight <= USUAL_WEIGHT[1]
@@ -95,7 +100,7 @@ def test_every_person_is_an_adult_outside_the_usual_height_or_weight(subject):
 
 
 def test_the_written_list_and_training_are_inside_the_usual_height_and_weight():
-    people = [recipe_for(subject).phenotype for subject in (*subject_ids(), *TRAINING)]
+    people = [recipe_of(subject).phenotype for subject in (*subject_ids(), *TRAINING)]
     heights, weights = ([person[name] for person in people] for name in ("height", "weight"))
     assert USUAL_HEIGHT[0] <= min(heights)
     assert max(heights) <= USUAL_HEIGHT[1]
@@ -104,7 +109,7 @@ def test_the_written_list_and_training_are_inside_the_usual_height_and_weight():
 
 
 def test_the_sealed_are_taller_shorter_heavier_and_thinner():
-    people = [recipe_for(subject).phenotype for subject in SEALED]
+    people = [recipe_of(subject).phenotype for subject in SEALED]
     heights, weights = ([person[name] for person in people] for name in ("height", "weight"))
     assert min(heights) < USUAL_HEIGHT[0]
     assert max(heights) > USUAL_HEIGHT[1]
@@ -114,7 +119,7 @@ def test_the_sealed_are_taller_shorter_heavier_and_thinner():
 
 def test_sealed_subjects_share_no_seed_cut_colour_or_pattern_size_with_any_other():
     others = (*subject_ids(), *TRAINING, *WIDE)
-    ours, theirs = map(recipe_for, SEALED), list(map(recipe_for, others))
+    ours, theirs = map(recipe_of, SEALED), list(map(recipe_of, others))
     seeds = {recipe.seed for recipe in theirs}
     skins = {recipe.skin for recipe in theirs} | {recipe.hair.colour for recipe in theirs}
     eyes = {recipe.eyes for recipe in theirs}
@@ -134,10 +139,10 @@ def test_sealed_subjects_share_no_seed_cut_colour_or_pattern_size_with_any_other
 
 
 def test_every_new_body_is_moved_off_the_model_and_no_old_one_is():
-    new = [recipe_for(subject).shape for subject in (*SEALED, *WIDE)]
+    new = [recipe_of(subject).shape for subject in (*SEALED, *WIDE)]
     assert all(shape is not None and 0.006 <= shape.rms_m <= 0.010 for shape in new)
     assert len({shape.seed for shape in new}) == len(new)
-    assert all(recipe_for(subject).shape is None for subject in (*subject_ids(), *TRAINING))
+    assert all(recipe_of(subject).shape is None for subject in (*subject_ids(), *TRAINING))
 
 
 @pytest.mark.parametrize("subject", [*SEALED[:3], *WIDE[:3]])

@@ -172,11 +172,15 @@ def test_a_push_moves_only_what_is_too_near():
 
 @pytest.fixture(scope="module")
 def shirt():
-    """A shirt as it was cut, on its unposed body: a drape without folds."""
+    """A shirt as it was cut, on its unposed body: a drape without folds.
+
+    Of short sleeves and above the waist, which leaves half the cloth.
+    """
     names = ("gender", "age", "height", "weight", "muscle", "proportions")
     body = AvatarBody(dict(zip(names, (0.1, 0.67, 0.4, 0.5, 0.5, 0.6), strict=True)))
     skin = Nearness(body.vertices, body.quads("skin"))
-    return body, cut_top(body, loose_shirt(Fabric((90, 90, 90))), skin), skin
+    cut = loose_shirt(Fabric((90, 90, 90)), sleeve=0.15, hem=-0.1)
+    return body, cut_top(body, cut, skin), skin
 
 
 def creased_shirt(shirt, weave, seed=11, strength=1.0):
@@ -195,8 +199,8 @@ def test_weaves_crease_in_their_order_and_keep_off_the_body(shirt):
     weaves = ("jersey", "poplin", "crumpled cotton")
     found = [creased_shirt(shirt, weave) for weave in weaves]
     jersey, middle, crumpled = map(strength_of, found)
-    assert jersey + 1 < middle
-    assert middle + 2 < crumpled
+    assert jersey + 2 < middle
+    assert middle + 5 < crumpled
     for each in found:
         height, _ = shirt[2].height(each.vertices)
         assert (height < -0.001).mean() < 0.001

@@ -176,7 +176,7 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     assert page.count("harness train normals --steps 20") == 2
     assert "## Sitting 2" in page
     # Neighbours in the curve: the second sitting goes on from where the first one ended.
-    assert abs(both[1].curve[0].front_deg - first.front_deg) < 5.0
+    assert abs(both[1].curve[0].front_deg - first.front_deg) < 1.0
     turned = replace(source, subjects=("p2", "p1"))
     with pytest.raises(HarnessError, match="p1 of bare cannot judge"):
         train_normals(replace(again, sources=(turned,), directory=tmp_path / "third"), Silent())
