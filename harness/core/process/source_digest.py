@@ -119,7 +119,7 @@ class SourceTree:
                 # Most names are of objects in a file, below which there is no other file.
                 path = None if name.rpartition(".")[0] in single else self._file(name)
                 if path is None:
-                    break
+                    continue
                 if path.name != "__init__.py":
                     single.add(name)
                 found[name] = module = module_source(path, name)

@@ -179,6 +179,16 @@ def test_imports_lead_to_the_distributions_that_bring_them(folder: Path) -> None
     assert {"pillow", "scikit-image", "pytest"} < {name.lower() for name in found.packages}
 
 
+def test_a_folder_without_a_file_of_its_own_is_gone_through(folder: Path) -> None:
+    (folder / "methods/bare/deep").mkdir(parents=True)
+    (folder / "methods/bare/deep/end.py").write_text("end = 4\n")
+    (folder / "methods/unused.py").write_text("from methods.bare.deep.end import end\n")
+
+    found = SourceTree.below(folder).digest(["methods.unused"])
+
+    assert set(found.modules) == {"methods", "methods.unused", "methods.bare.deep.end"}
+
+
 def test_what_has_no_source_is_told(folder: Path) -> None:
     with pytest.raises(HarnessError, match=r"no source of the module 'methods\.absent'"):
         SourceTree.below(folder).digest(["methods.absent"])
