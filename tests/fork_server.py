@@ -77,7 +77,7 @@ class ForkServer:
         ready, _, _ = select.select([self._answers], [], [], TIMEOUT_S)
         line = os.read(self._answers, 64) if ready else b""
         if not line:
-            self.close()
+            self._process.kill()
             raise RuntimeError(f"no answer of the fork server to: {target} {' '.join(arguments)}")
         return int(line)
 

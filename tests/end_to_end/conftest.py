@@ -152,9 +152,6 @@ def coarse_hull(coarse_package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
-
-RunIn = Callable[..., "subprocess.CompletedProcess[str]"]
-
 #: What commands import, most of them anew each time, which is most of what they do.
 IMPORTED = (
     "harness.cli.main",
@@ -166,7 +163,7 @@ IMPORTED = (
 
 
 @pytest.fixture(scope="session")
-def run_in() -> Iterator[RunIn]:
+def run_in() -> Iterator[Run]:
     """``run_in(folder, "eval", "--method", "gt")``, in a process of its own that starts at once."""
     server = ForkServer(IMPORTED)
 
@@ -185,7 +182,7 @@ def run_in() -> Iterator[RunIn]:
 
 
 @pytest.fixture
-def harness(world: Path, run_in: RunIn) -> Run:
+def harness(world: Path, run_in: Run) -> Run:
     """``harness("eval", "--method", "gt")`` in the world, as a person would run it."""
     return lambda *arguments: run_in(world, *arguments)
 
@@ -194,7 +191,7 @@ EVAL = ("eval", "--dataset", "toy", "--recipe", "tiny")
 
 
 @pytest.fixture(scope="session")
-def finished_world(tmp_path_factory: pytest.TempPathFactory, run_in: RunIn) -> Path:
+def finished_world(tmp_path_factory: pytest.TempPathFactory, run_in: Run) -> Path:
     """A world with all photos and all records of ``gt``, made once for all test processes."""
     place = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:

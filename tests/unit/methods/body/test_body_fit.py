@@ -18,7 +18,6 @@ from harness.geometry.raycast import Raycaster
 from harness.pipeline.work.cost import StageMeter
 from harness.pipeline.work.shared_results import SharedResults
 from methods import body_fit
-from methods.body.fit import landmark_fit
 from methods.body.photos import detection
 from methods.body.photos.detection import detect
 from methods.body.photos.views import load_views
@@ -61,16 +60,6 @@ def _each_photo_is_read_once(readings, monkeypatch):
         return file.path.read_bytes(), size
 
     monkeypatch.setattr(detection, "_detect", readings.remembering(detection._detect, shown))
-
-
-@pytest.fixture
-def quick_landmarks(monkeypatch):
-    """A third of the steps, for tests of what a fit is made of and not of how good it is.
-
-    Not together with ``shared_fits``, which knows nothing of steps.
-    """
-    monkeypatch.setattr(landmark_fit, "_SINGLE_STEPS", 40)
-    monkeypatch.setattr(landmark_fit, "_JOINT_STEPS", 50)
 
 
 def some_views(capture, views, folder):

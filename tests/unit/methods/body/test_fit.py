@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from methods.body.fit import landmark_fit
 from methods.body.fit.jmbo import optimise
 from methods.body.fit.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
 from methods.body.fit.terms import head_cost
@@ -33,16 +32,6 @@ def errors_mm(anny, parameters, person):
     joints = (found.joints - posed.joints)[0, main].norm(dim=1).mean().item() * 1000
     vertices = (found.vertices - posed.vertices)[0].norm(dim=1).mean().item() * 1000
     return joints, vertices
-
-
-@pytest.fixture
-def quick_landmarks(monkeypatch):
-    """A third and half of the steps, which end within 3 mm of where all of them do.
-
-    Eight views and one view are fitted by all steps, elsewhere.
-    """
-    monkeypatch.setattr(landmark_fit, "_SINGLE_STEPS", 40)
-    monkeypatch.setattr(landmark_fit, "_JOINT_STEPS", 75)
 
 
 @pytest.fixture(scope="module")
