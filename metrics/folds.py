@@ -15,6 +15,7 @@ from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera, look_at
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.core.results import FoldErrors
 from harness.geometry.raycast import Raycaster
 from metrics.normals import angles_deg
 
@@ -25,7 +26,9 @@ __all__ = [
     "FoldStrength",
     "fold_angles_deg",
     "fold_correlation",
+    "fold_errors",
     "fold_strength",
+    "pixel_size_m",
     "true_normals",
 ]
 
@@ -36,6 +39,7 @@ MARGIN_M = 0.030
 PIXEL_M = 0.004
 """Finer maps are brought to about this first, so that maps of all sizes measure the same folds."""
 
+_COARSEST_M = 2 * PIXEL_M
 _FAR_M = 40.0
 """Distance of the camera that photographs a mesh; perspective changes nothing from there."""
 _RIM_PX = 4
@@ -83,10 +87,10 @@ def _split(normals: Floats, mask: Mask, pixel_m: float) -> _Split:
             expected=f"{(*mask.shape, 3)}, as the mask",
             got=f"{normals.shape}",
         )
-    if not 0 < pixel_m <= 2 * PIXEL_M:
+    if not 0 < pixel_m <= _COARSEST_M:
         raise DataError(
             "folds cannot be measured: the map is too coarse",
-            expected=f"at most {2000 * PIXEL_M:.0f} mm a pixel",
+            expected=f"at most {1000 * _COARSEST_M:.0f} mm a pixel",
             got=f"{1000 * pixel_m:.1f} mm",
         )
     times = max(1, round(PIXEL_M / pixel_m))
@@ -144,10 +148,36 @@ def fold_correlation(predicted: Floats, truth: Floats, mask: Mask, pixel_m: floa
     The cosine between what the blur takes away from either map, as vectors over all pixels that
     count. 0 if one of the maps has no folds. Arguments as in ``fold_angles_deg``.
     """
-    first, second = (_split(normals, mask, pixel_m) for normals in (predicted, truth))
+    return _correlation(*(_split(normals, mask, pixel_m) for normals in (predicted, truth)))
+
+
+def _correlation(first: _Split, second: _Split) -> float:
     quick = [(s.normals - s.smooth)[s.counted].ravel() for s in (first, second)]
     lengths = np.linalg.norm(quick[0]) * np.linalg.norm(quick[1])
     return float(quick[0] @ quick[1] / lengths) if lengths > 0 else 0.0
+
+
+def fold_errors(estimate: Floats, truth: Floats, mask: Mask, pixel_m: float) -> FoldErrors | None:
+    """The fold strengths of two maps and their correlation; arguments as in ``fold_angles_deg``.
+
+    None where a pixel is larger than 8 mm, or no pixel is 30 mm inside the mask: such maps cannot
+    tell.
+    """
+    if pixel_m > _COARSEST_M:
+        return None
+    found, true = (_split(normals, mask, pixel_m) for normals in (estimate, truth))
+    if not found.counted.any():
+        return None
+    strengths = [
+        float(angles_deg(split.normals[split.counted], split.smooth[split.counted]).mean())
+        for split in (found, true)
+    ]
+    return FoldErrors(*strengths, correlation=_correlation(found, true))
+
+
+def pixel_size_m(camera: Camera, place: Floats) -> float:
+    """Size in metres of a pixel of a camera at a place (3,) in the world."""
+    return float(np.linalg.norm(camera.position - place) / camera.K[0, 0])
 
 
 def true_normals(mesh: Mesh, yaw_deg: float = 0.0) -> tuple[Floats, Mask]:

@@ -30,8 +30,8 @@ __all__ = [
     "Status",
 ]
 
-RECORD_SCHEMA = 3
-_EARLIER_SCHEMA = 2
+RECORD_SCHEMA = 4
+_EARLIER_SCHEMAS = (2, 3)
 
 Status = Literal["ok", "failed", "missing"]
 
@@ -196,7 +196,7 @@ class Record:
         """
         document = read_json(path)
         schema = document.pop("schema", None)
-        if schema == _EARLIER_SCHEMA:
+        if schema in _EARLIER_SCHEMAS:
             document, schema = _upgraded(document), RECORD_SCHEMA
         if schema != RECORD_SCHEMA:
             raise DataError(
@@ -209,11 +209,12 @@ class Record:
 
 
 def _upgraded(document: dict[str, Any]) -> dict[str, Any]:
-    """A document of the earlier schema with the fields that it lacks at their defaults."""
+    """A document of an earlier schema with the fields that it lacks at their defaults."""
     try:
         return {
             "shared_work": [],
             **document,
+            "normal_maps": [{"folds": None, **errors} for errors in document["normal_maps"]],
             "method": {"view_count": None, **document["method"]},
             "capture": {"views": 0, **document["capture"]},
         }

@@ -16,6 +16,7 @@ __all__ = [
     "Diagnostics",
     "DistanceSummary",
     "FScore",
+    "FoldErrors",
     "MeshFacts",
     "MetricValue",
     "NormalMapErrors",
@@ -88,6 +89,18 @@ class AngularPair:
 
 
 @dataclass(frozen=True, slots=True)
+class FoldErrors:
+    """The folds of an estimated normal map and the scan's on the same pixels (`metrics.folds`)."""
+
+    estimate_deg: float
+    """Fold strength of the estimate: mean angle between normals and their blur, degrees."""
+    truth_deg: float
+    """The same of the scan."""
+    correlation: float
+    """How well both agree in what the blur takes away: 1 alike, 0 unrelated."""
+
+
+@dataclass(frozen=True, slots=True)
 class NormalMapErrors:
     """The errors of a method's normal maps in one view, on one side of the subject."""
 
@@ -101,6 +114,8 @@ class NormalMapErrors:
     """Over the pixels of garments and shoes; None where the scan has no labels."""
     whole: AngularPair
     """Over all pixels of the subject."""
+    folds: FoldErrors | None
+    """Over the same pixels; None where the map is too coarse, or the subject too small in it."""
 
 
 @dataclass(frozen=True, slots=True)

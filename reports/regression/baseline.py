@@ -204,7 +204,8 @@ def numbers_of(record: Record) -> dict[str, Value]:
     """The numbers of a record that a baseline guards.
 
     Its metrics, and the mean error in degrees of each normal map that the method made, on all
-    pixels of the subject: ``normal_map_0_near`` is the near side of view 0.
+    pixels of the subject: ``normal_map_0_near`` is the near side of view 0. Its fold strength is
+    ``normal_folds_0_near``.
     """
     numbers = {name: Value(m.value, m.unit) for name, m in record.metrics.items()}
     for errors in record.normal_maps:
@@ -212,6 +213,9 @@ def numbers_of(record: Record) -> dict[str, Value]:
         if mean_deg is not None:
             name = f"normal_map_{errors.view}_{errors.side}"
             numbers[name] = Value(mean_deg, Unit.degree.value)
+        if errors.folds is not None:
+            name = f"normal_folds_{errors.view}_{errors.side}"
+            numbers[name] = Value(errors.folds.estimate_deg, Unit.degree.value)
     return numbers
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from harness.core.errors import DataError
 from harness.core.records import Record
-from harness.core.results import AngularErrors, AngularPair, NormalMapErrors
+from harness.core.results import AngularErrors, AngularPair, FoldErrors, NormalMapErrors
 from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
@@ -112,6 +112,14 @@ _MEASURES = (
     ),
 )  # fmt: skip
 _PIXELS = _Measure("pixels", "Pixels", "Pixels", Unit.none, 0, lambda errors: errors.n)
+_FOLDS = {
+    "folds": Column("folds", "Folds (estimate)", "Folds (estimate)", _DEG.value, 2, ranked=False),
+    "true_folds": Column("true_folds", "Folds (scan)", "Folds (scan)", _DEG.value, 2, ranked=False),
+    "folds_share": Column("folds_share", "Folds", "Folds", _PERCENT.value, 0, ranked=False),
+    "fold_correlation": Column(
+        "fold_correlation", "Correlation", "Correlation", Unit.none.value, 2, ranked=False
+    ),
+}
 _SHORT_TITLES = {"body_error": "Body", "all_error": "All pixels"}
 _REMARKS = (
     "Angle between estimated and true normals on the pixels of garments and shoes: mean, median, "
@@ -120,6 +128,11 @@ _REMARKS = (
     "Near side: what the photo shows; far side: the last surface along the same rays, which it "
     "hides",
     "All pixels: the mean over the whole subject, with skin and hair",
+)
+_FOLD_REMARK = (
+    "Folds: strength of the estimate's folds, the mean angle between normals and the same blurred "
+    "by 15 mm, as a share of the scan's; correlation: of what that blur takes away; both over the "
+    "whole subject"
 )
 _UNLABELLED = "Scans without labels of garments: every column is over all pixels of the subject"
 
@@ -137,6 +150,7 @@ _QUANTITIES = {
 }
 _RATIO = Column("ratio", "Ratio", "Ratio", Unit.none.value, 2, ranked=False)
 _PRINTED = ("median", "below_11_25", "below_22_5", "below_30", "all_error")
+_PRINTED_FOLDS = ("folds_share", "fold_correlation")
 
 
 def normals_table(
@@ -159,13 +173,15 @@ def normals_table(
         if group.ok and all(record.normal_maps for record in group.ok)
     ]
     absent = [group for group in selection.groups if group not in shown]
-    columns = {name: quantity.column for name, quantity in _QUANTITIES.items()}
-    printed = (columns["body_error"], columns["error"], _RATIO, *(columns[n] for n in _PRINTED))
     rows = [
         _row(group, key, len(selection.subjects), interval)
         for group in shown
         for key in _keys(group)
     ]
+    has_folds = any("folds" in row.cells for row in rows)
+    columns = {name: quantity.column for name, quantity in _QUANTITIES.items()} | _FOLDS
+    names = (*_PRINTED, *(_PRINTED_FOLDS if has_folds else ()))
+    printed = (columns["body_error"], columns["error"], _RATIO, *(columns[n] for n in names))
     return Table(
         name="normals",
         title="Normal maps",
@@ -177,6 +193,7 @@ def normals_table(
         rows=tuple(rows),
         remarks=(
             *_REMARKS,
+            *([_FOLD_REMARK] if has_folds else []),
             *_estimator_remarks(shown),
             *selection.remarks,
             *_absence_remarks(absent),
@@ -243,6 +260,7 @@ def _row(group: Group, key: _PhotoSide, of: int, interval: Interval | None) -> R
             cells[name] = mean_cell(values, interval)
     if "error" in cells and cells["body_error"].value > 0:
         cells["ratio"] = Cell(cells["error"].value / cells["body_error"].value)
+    cells |= _fold_cells([each.folds for each in entries if each.folds], interval)
     row = group.row(of, cells)
     return replace(
         row,
@@ -250,6 +268,21 @@ def _row(group: Group, key: _PhotoSide, of: int, interval: Interval | None) -> R
         n=len(entries),
         notes=(*row.notes, *([] if labelled else [_UNLABELLED])),
     )
+
+
+def _fold_cells(folds: Sequence[FoldErrors], interval: Interval | None) -> dict[str, Cell]:
+    """The cells of ``_FOLDS`` that some records' folds fill."""
+    if not folds:
+        return {}
+    cells = {
+        "folds": mean_cell([each.estimate_deg for each in folds], interval),
+        "true_folds": mean_cell([each.truth_deg for each in folds], interval),
+        "fold_correlation": mean_cell([each.correlation for each in folds], interval),
+    }
+    if cells["true_folds"].value > 0:
+        share = cells["folds"].value / cells["true_folds"].value
+        cells["folds_share"] = Cell(100.0 * share)
+    return cells
 
 
 def _estimator_remarks(shown: Sequence[Group]) -> list[str]:

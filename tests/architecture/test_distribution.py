@@ -101,7 +101,7 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
         if Path(name).suffix not in SHIPPED_DATA and not name.startswith(f"{PAGE}/")
     ]
     assert set(unexpected) <= {
-        f"{WEIGHTS}/PROVENANCE.md",
+        f"{WEIGHTS}/PROVENANCE-open-normals.md",
         f"{WEIGHTS}/PROVENANCE-open-normals2.md",
         f"{PUBLISHED}/PROVENANCE.md",
     }
@@ -140,7 +140,8 @@ def test_the_wheel_holds_every_network_with_its_sum_and_provenance(wheel: list[s
     if not networks:
         pytest.skip("no network is shipped")
 
-    assert networks | {f"{WEIGHTS}/weights.json", f"{WEIGHTS}/PROVENANCE.md"} <= set(wheel)
+    pages = {f"{WEIGHTS}/PROVENANCE-{Path(network).stem}.md" for network in networks}
+    assert networks | pages | {f"{WEIGHTS}/weights.json"} <= set(wheel)
 
 
 def test_the_wheel_holds_the_published_results_with_their_provenance(wheel: list[str]) -> None:

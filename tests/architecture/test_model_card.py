@@ -6,6 +6,8 @@ import json
 import re
 from pathlib import Path
 
+from methods.normals.installed import OPEN_NETWORK
+
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "methods" / "normals" / "weights"
 CARD = (ROOT / "docs" / "model_card.md").read_text(encoding="utf-8")
@@ -15,15 +17,14 @@ TITLES = {"econ": "ECON", "mexecon8": "MExECON, 8 views"}
 
 def test_the_card_is_of_the_shipped_file() -> None:
     shipped = json.loads((WEIGHTS / "weights.json").read_text())
-    first, *others = sorted(shipped)
-    stored = shipped[first]
+    stored = shipped[OPEN_NETWORK]
 
-    assert f"# Model card: `{first}`" in CARD
-    for name in others:
-        size = f"`{shipped[name]['file']}` ({shipped[name]['bytes'] / 1e6:.1f} MB)"
-        assert f"`{name}`" in CARD
-        assert size in CARD
+    assert f"# Model card: `{OPEN_NETWORK}`" in CARD
+    for name, entry in shipped.items():
+        assert f"(../methods/normals/weights/PROVENANCE-{name}.md)" in CARD
         assert (WEIGHTS / f"PROVENANCE-{name}.md").is_file()
+        if name != OPEN_NETWORK:
+            assert f"`{entry['file']}` ({entry['bytes'] / 1e6:.1f} MB)" in CARD
     assert f"`methods/normals/weights/{stored['file']}`, {stored['bytes'] / 1e6:.1f} MB" in CARD
     assert f"| licence | {stored['licence']};" in CARD
 
@@ -46,11 +47,14 @@ def test_the_cards_numbers_are_those_of_the_measured_tables() -> None:
 
 
 def test_the_card_names_the_training_subjects_of_the_provenance() -> None:
-    provenance = (WEIGHTS / "PROVENANCE.md").read_text(encoding="utf-8")
+    page = (WEIGHTS / f"PROVENANCE-{OPEN_NETWORK}.md").read_text(encoding="utf-8")
+    _, last = page.rsplit("and saw ", 1)
+    seen, _, rest = last.partition(": ")
+    trained, _, rest = rest.partition(" (version")
+    judges, *_ = rest.partition("These only judged: ")[2].partition(".\n")
 
     assert "trained on generated people only" in CARD
-    for subject in ("`t00011` and `t00018`", "`t00019` and `t00020`"):
-        assert subject in CARD
-        assert subject in provenance
-    assert "4.6 million numbers" in CARD
-    assert "4.6 million numbers" in provenance
+    steps = [int(n) for n in re.findall(r"--steps (\d+)", page)]
+    assert f"{seen} in {len(steps)} sittings of {sum(steps)} steps" in CARD
+    for listed in (trained, judges):
+        assert listed.replace("; ", " and of ") in CARD

@@ -134,6 +134,7 @@ MAP = {
     "side": "near",
     "clothed": None,
     "whole": {"estimate": ANGLES, "body": ANGLES},
+    "folds": None,
 }
 PROTOCOL = to_json(MetricProtocol("exact", 1, 10, "stratified", "point-to-surface"))
 

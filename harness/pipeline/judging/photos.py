@@ -9,12 +9,11 @@ from typing import Self
 import numpy as np
 
 from harness.core.arrays import Floats, Mask
-from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
 from harness.core.protocols import EstimatedNormals, NormalEstimator
 from harness.pipeline.training.samples import PrintPair
 from methods.normals.view_maps import filled_normals
-from metrics.folds import fold_correlation, fold_strength
+from metrics.folds import fold_correlation, fold_strength, pixel_size_m
 from metrics.normal_maps import THRESHOLDS_DEG, angular_error_map
 
 __all__ = ["BODY", "NormalsJudgement", "judged_pair"]
@@ -76,7 +75,8 @@ def judged_pair(pair: PrintPair, estimator: NormalEstimator) -> NormalsJudgement
     """
     plain = _estimated(pair, pair.plain, estimator)
     printed = _estimated(pair, pair.printed, estimator)
-    size_m = _pixel_m(pair.camera)
+    # The subject's box is centred at the origin of the world.
+    size_m = pixel_size_m(pair.camera, np.zeros(3))
     front, back = (pair.mask & true.any(axis=2) for true in (pair.front, pair.back))
     off = _angles_deg(plain.front, pair.front, front)
     return NormalsJudgement(
@@ -102,8 +102,3 @@ def _angles_deg(estimate: Floats, truth: Floats, mask: Mask) -> Floats:
     if not mask.any():
         raise DataError("a photo cannot be judged: no pixel shows the subject")
     return angular_error_map(estimate, truth, mask)[mask]
-
-
-def _pixel_m(camera: Camera) -> float:
-    """Size of a pixel at the subject, whose box is centred at the origin of the world."""
-    return float(np.linalg.norm(camera.position) / camera.K[0, 0])

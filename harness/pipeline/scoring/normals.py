@@ -19,6 +19,7 @@ from harness.core.mesh import Mesh
 from harness.core.results import AngularPair, NormalMapErrors
 from harness.core.truth import face_regions
 from harness.geometry.raycast import Raycaster, Side
+from metrics.folds import fold_errors, pixel_size_m
 from metrics.normal_maps import angular_error_map, angular_errors
 
 __all__ = ["SIDES", "TrueNormals", "normal_map_errors", "true_normals"]
@@ -40,6 +41,14 @@ class TrueNormals:
     normals: Floats
     face: NDArray[np.int32]
     compared: Mask
+
+
+@dataclass(frozen=True, slots=True)
+class _Photo:
+    """A camera's yaw from the subject's front in degrees, and its pixels' size at the subject."""
+
+    yaw_deg: float
+    pixel_m: float
 
 
 def true_normals(scan: Raycaster, maps: NormalMaps, side: Side) -> TrueNormals:
@@ -68,8 +77,17 @@ def normal_map_errors(
     regions = face_regions(scan, truth)
     worn = None if regions is None else regions.worn
     caster = Raycaster(truth.geometry())
+    middle = np.mean(truth.bounds, axis=0)
     return tuple(
-        _errors(each, side, caster, worn, _yaw_deg(each, scan)) for each in maps for side in SIDES
+        _errors(
+            each,
+            side,
+            true_normals(caster, each, side),
+            worn,
+            _Photo(_yaw_deg(each, scan), pixel_size_m(each.camera, middle)),
+        )
+        for each in maps
+        for side in SIDES
     )
 
 
@@ -79,9 +97,8 @@ def _yaw_deg(maps: NormalMaps, scan: Scan) -> float:
 
 
 def _errors(
-    maps: NormalMaps, side: Side, caster: Raycaster, worn: Mask | None, yaw_deg: float
+    maps: NormalMaps, side: Side, true: TrueNormals, worn: Mask | None, photo: _Photo
 ) -> NormalMapErrors:
-    true = true_normals(caster, maps, side)
     estimate, body = (
         (maps.front, maps.body_front) if side == "near" else (maps.back, maps.body_back)
     )
@@ -95,10 +112,11 @@ def _errors(
         clothed = _pair(estimate_deg[chosen], body_deg[chosen])
     return NormalMapErrors(
         view=maps.view,
-        yaw_deg=yaw_deg,
+        yaw_deg=photo.yaw_deg,
         side=side,
         clothed=clothed,
         whole=_pair(estimate_deg, body_deg),
+        folds=fold_errors(estimate, true.normals, true.compared, photo.pixel_m),
     )
 
 

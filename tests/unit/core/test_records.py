@@ -16,7 +16,7 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, Environment, ProtocolStamp, Record
-from harness.core.results import MetricValue
+from harness.core.results import AngularErrors, AngularPair, MetricValue, NormalMapErrors
 
 RECORD = Record(
     key="0123456789abcdef",
@@ -52,13 +52,13 @@ def test_a_record_there_and_back(tmp_path: Path, record: Record) -> None:
 
     assert back == record
     assert back.method_name == "hull8"
-    assert json.loads(path.read_text())["schema"] == 3
+    assert json.loads(path.read_text())["schema"] == 4
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema=1), "not a record of this version .*schema 3; got 1"),
+        (lambda d: d.update(schema=1), "not a record of this version .*schema 4; got 1"),
         (lambda d: d.pop("schema"), "not a record of this version .*got None"),
         (lambda d: d.pop("metrics"), "not a record .*metrics"),
         (lambda d: d.pop("key"), "not a record .*key"),
@@ -175,7 +175,7 @@ def test_only_the_rule_units_makes_lengths_scan_units() -> None:
         assert replace(RECORD, scale_rule=rule).length_unit == unit
 
 
-def test_a_record_of_the_earlier_schema_is_read(tmp_path: Path) -> None:
+def test_records_of_the_earlier_schemas_are_read(tmp_path: Path) -> None:
     path = tmp_path / "record.json"
     document = json.loads(json.dumps(RECORD.to_dict()))
     assert document.pop("shared_work") == []
@@ -185,6 +185,12 @@ def test_a_record_of_the_earlier_schema_is_read(tmp_path: Path) -> None:
     write_json(path, document)
     before = replace(RECORD, capture=replace(RECORD.capture, views=0))
     assert Record.load(path) == before
+    pixels = AngularErrors(5.0, 4.0, 0.9, 1.0, 1.0, n=10)
+    maps = NormalMapErrors(0, 0.0, "near", None, AngularPair(pixels, pixels), None)
+    later = json.loads(json.dumps(replace(RECORD, normal_maps=(maps,)).to_dict()))
+    del later["normal_maps"][0]["folds"]
+    write_json(path, {**later, "schema": 3})
+    assert Record.load(path) == replace(RECORD, normal_maps=(maps,))
     document["method"] = "hull8"
     write_json(path, document)
     with pytest.raises(DataError, match="not a record"):

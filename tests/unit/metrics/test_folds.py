@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from metrics.folds import (
@@ -10,7 +11,9 @@ from metrics.folds import (
     PIXEL_M,
     fold_angles_deg,
     fold_correlation,
+    fold_errors,
     fold_strength,
+    pixel_size_m,
     true_normals,
 )
 
@@ -100,6 +103,24 @@ def test_folds_correlate_with_themselves_at_any_size_and_not_with_others():
     assert fold_correlation(shifted, truth, mask, PIXEL_M) < -0.9
     assert abs(fold_correlation(across, truth, mask, PIXEL_M)) < 0.05
     assert fold_correlation(plane, truth, mask, PIXEL_M) == 0
+
+
+def test_errors_of_folds_are_both_strengths_and_their_correlation():
+    truth, mask = ridges(0.05, 0.3)
+    weak, _ = ridges(0.05, 0.1, turn_deg=5)
+    found = fold_errors(weak, truth, mask, PIXEL_M)
+    assert found.estimate_deg == fold_strength(weak, mask, PIXEL_M).mean_deg
+    assert found.truth_deg == fold_strength(truth, mask, PIXEL_M).mean_deg
+    assert found.correlation == fold_correlation(weak, truth, mask, PIXEL_M)
+    assert fold_errors(weak, truth, mask, 0.01) is None
+    assert fold_errors(weak[:10, :10], truth[:10, :10], mask[:10, :10], PIXEL_M) is None
+
+
+def test_the_size_of_a_pixel_is_that_at_the_place():
+    camera = RingRig(radius_m=3.0).cameras(360, 640)[2]
+    place = np.array([0.0, 0.0, 0.0])
+    assert pixel_size_m(camera, place) == pytest.approx(3.0 / camera.K[0, 0])
+    assert pixel_size_m(camera, camera.position / 2) == pytest.approx(1.5 / camera.K[0, 0])
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 180.0])

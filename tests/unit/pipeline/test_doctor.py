@@ -13,6 +13,7 @@ from harness.core.files.hashing import file_sha256
 from harness.pipeline import doctor
 from methods.econ import econ
 from methods.normals import installed
+from methods.normals.installed import OPEN_NETWORK
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -52,7 +53,7 @@ def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypa
     place = installed.Place("shipped", tmp_path)
     monkeypatch.setattr(installed, "shipped_place", lambda: place)
     found = doctor._open_network()
-    assert (found.kind, found.name, found.usable) == ("network", "open-normals", False)
+    assert (found.kind, found.name, found.usable) == ("network", OPEN_NETWORK, False)
     assert found.needed == (econ.settings.normals == "open")
     assert "harness train normals" in found.next_step
 
@@ -64,7 +65,7 @@ def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypa
         "training_set": "avatars-train t00001..t00020, version 8",
         "bytes": 3 * 2**20,
     }
-    write_json(place.index, {"open-normals": entry})
+    write_json(place.index, {OPEN_NETWORK: entry})
     found = doctor._open_network()
     assert found.usable
     for text in ("3.0 MiB", "CC0-1.0", "t00001..t00020, version 8", entry["sha256"][:12]):
@@ -81,7 +82,7 @@ def test_a_method_whose_network_is_not_there_is_not_usable(tmp_path, monkeypatch
     monkeypatch.setattr("methods.econ.econ", econ.configured({"surface.normals": "open"}))
     found = {finding.name: finding for finding in doctor._catalogued()}
     assert not found["econ"].usable
-    assert "no network 'open-normals'" in found["econ"].note
+    assert f"no network '{OPEN_NETWORK}'" in found["econ"].note
     assert found["hull8"].usable
 
 

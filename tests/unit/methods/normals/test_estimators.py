@@ -12,6 +12,7 @@ from harness.geometry.raycast import Raycaster
 from harness.pipeline.run.chosen_method import ChosenMethod
 from methods.econ import econ
 from methods.normals import NormalChoice, installed, view_maps, working_view
+from methods.normals.installed import OPEN_NETWORK
 from methods.normals.view_maps import filled_normals
 
 
@@ -98,18 +99,18 @@ def test_holes_take_the_nearest_normal():
 
 def test_the_open_network_is_the_shipped_one(places, save_network):
     choice = NormalChoice("open")
-    with pytest.raises(MissingPart, match="no network 'open-normals' is shipped.*train normals"):
+    with pytest.raises(MissingPart, match=f"no network '{OPEN_NETWORK}' is shipped.*train normals"):
         _ = choice.part
     path = save_network(places / "net.onnx", licence="CC0-1.0")
-    own = installed.import_file(path, "open-normals", installed.imported_place())
+    own = installed.import_file(path, OPEN_NETWORK, installed.imported_place())
     with pytest.raises(MissingPart, match="is shipped"):
         _ = choice.part
     other = save_network(places / "other.onnx", training_set="avatars-train t00002")
-    shipped = installed.import_file(other, "open-normals", installed.shipped_place())
+    shipped = installed.import_file(other, OPEN_NETWORK, installed.shipped_place())
     part = choice.part
-    assert (part.name, part.licence, part.sha256) == ("open-normals", "Apache-2.0", shipped.sha256)
+    assert (part.name, part.licence, part.sha256) == (OPEN_NETWORK, "Apache-2.0", shipped.sha256)
     assert choice.privileges == ()
-    assert NormalChoice("onnx", "open-normals").part.sha256 == own.sha256 != shipped.sha256
+    assert NormalChoice("onnx", OPEN_NETWORK).part.sha256 == own.sha256 != shipped.sha256
 
 
 def test_a_name_means_the_user_s_own_network_or_else_a_shipped_one(places, save_network):
@@ -137,14 +138,14 @@ def test_a_name_that_nobody_imported(places):
 
 def test_methods_can_do_without_a_network_that_is_not_there(places):
     missing = econ.configured({"surface.normals": "open"})
-    with pytest.raises(MissingPart, match="no network 'open-normals'"):
+    with pytest.raises(MissingPart, match=f"no network '{OPEN_NETWORK}'"):
         _ = missing.info
     parts = missing.configured({"surface.normals": "body", "body.normals": "off"}).info.parts
     assert "normals of the fitted body" in [part.name for part in parts]
 
 
 def test_a_request_without_its_network_ends_before_any_work(places):
-    with pytest.raises(MissingPart, match="no network 'open-normals'"):
+    with pytest.raises(MissingPart, match=f"no network '{OPEN_NETWORK}'"):
         ChosenMethod.of("econ", {"surface.normals": "open"})
     assert (
         ChosenMethod.of("econ", {"surface.normals": "body", "body.normals": "off"}).info.name
@@ -156,7 +157,7 @@ def test_another_network_is_another_record(places, save_network):
     identities = set()
     for trained in ("avatars-train t00001", "avatars-train t00002"):
         path = save_network(places / "net.onnx", training_set=trained)
-        installed.import_file(path, "open-normals", installed.shipped_place(), replace=True)
+        installed.import_file(path, OPEN_NETWORK, installed.shipped_place(), replace=True)
         info = econ.configured({"surface.normals": "open"}).info
         identities.add(content_hash(info.identity()))
         assert str(places) not in str(info.to_dict())

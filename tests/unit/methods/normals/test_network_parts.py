@@ -9,6 +9,7 @@ import pytest
 
 from harness.cli.main import main
 from methods.normals import installed
+from methods.normals.installed import OPEN_NETWORK
 
 
 @pytest.fixture
@@ -70,9 +71,9 @@ def test_names_and_bad_files(harness, places, save_network):
 
 def test_what_is_to_be_shipped_goes_into_the_package(harness, places, save_network):
     path = save_network(places / "n.onnx")
-    arguments = ("normals-onnx", str(path), "--name", "open-normals", "--ship")
+    arguments = ("normals-onnx", str(path), "--name", OPEN_NETWORK, "--ship")
     code, told, _ = harness("import", *arguments)
     assert (code, "--set surface.normals=open" in told) == (0, True)
-    assert (places / "shipped" / "open-normals.onnx").is_file()
-    found = json.loads(harness("verify", "normals-onnx/open-normals", "--json")[1])
+    assert (places / "shipped" / f"{OPEN_NETWORK}.onnx").is_file()
+    found = json.loads(harness("verify", f"normals-onnx/{OPEN_NETWORK}", "--json")[1])
     assert found[0]["place"] == "shipped"

@@ -30,7 +30,7 @@ HEAD = RegionErrors(
     n_truth=10,
 )
 PIXELS = AngularErrors(9.0, 7.0, 0.9, 0.9, 0.9, n=10)
-MAPS = (NormalMapErrors(0, 0.0, "near", None, AngularPair(PIXELS, PIXELS)),)
+MAPS = (NormalMapErrors(0, 0.0, "near", None, AngularPair(PIXELS, PIXELS), None),)
 LABELLED = [replace(r, regions={"head": HEAD}, normal_maps=MAPS) for r in RECORDS]
 OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
 

@@ -14,6 +14,7 @@ from harness.data.avatars.skin.bake import _REGIONS
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.run.result_files import load_normals, save_normals
 from harness.pipeline.scoring.normals import normal_map_errors
+from metrics.folds import fold_strength
 
 CAMERAS = RingRig().cameras(90, 160)
 
@@ -82,6 +83,21 @@ def test_true_maps_have_no_error_and_a_turned_body_has_its_own(labelled):
             # By more than a corner's width off the axis, by at most the whole turn.
             assert 12 < body.mean_deg < 30
             assert estimate.n == body.n
+
+
+def test_folds_are_those_of_the_maps_at_their_pixels_size(scan):
+    camera = RingRig().cameras(360, 640)[0]
+    caster = Raycaster(SPHERE)
+    near = caster.normals(camera, "near")
+    true = NormalMaps(0, camera, near.any(axis=2), *[near, caster.normals(camera, "far")] * 2)
+    seen, hidden = (entry.folds for entry in errors_of([true], scan))
+    assert seen.estimate_deg == seen.truth_deg == pytest.approx(hidden.truth_deg, rel=0.2)
+    assert seen.truth_deg == pytest.approx(
+        fold_strength(near, near.any(axis=2), 3.0 / camera.K[0, 0]).mean_deg, rel=1e-6
+    )
+    assert seen.correlation == pytest.approx(1.0)
+    # A pixel of the small cameras covers 13 mm.
+    assert errors_of([maps(0)], scan)[0].folds is None
 
 
 def test_clothed_pixels_are_those_of_faces_that_are_worn(labelled):

@@ -23,7 +23,7 @@ from harness.pipeline.training.normals import TrainingRequest, ensure_samples, t
 from harness.pipeline.training.samples import SampleSettings, Studio, make_samples, samples_key
 from harness.pipeline.training.sittings import sittings_of
 from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
-from methods.normals.installed import named
+from methods.normals.installed import OPEN_NETWORK, named
 
 MANIFEST = """\
 schema: 1
@@ -155,7 +155,7 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     )
     first = train_normals(request, Silent())
     estimator = OnnxNormals(first.network)
-    assert estimator.part.name == "open-normals"
+    assert estimator.part.name == OPEN_NETWORK
     assert estimator.training_set == "bare p1"
     assert first.curve.read_text().count("\n") == 3
     assert 0 < first.front_deg < 90

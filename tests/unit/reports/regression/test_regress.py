@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from harness.core.errors import DataError, HarnessError, ProtocolMismatch
 from harness.core.records import ProtocolStamp
-from harness.core.results import AngularErrors, AngularPair, MetricValue, NormalMapErrors
+from harness.core.results import (
+    AngularErrors,
+    AngularPair,
+    FoldErrors,
+    MetricValue,
+    NormalMapErrors,
+)
 from harness.pipeline.run.store import RunStore
 from reports.regression.baseline import (
     Baseline,
@@ -262,16 +268,18 @@ def test_a_method_without_a_row_fails_unless_it_is_new_on_purpose():
 def test_errors_of_normal_maps_are_guarded_like_metrics():
     def with_maps(record, mean_deg):
         pixels = AngularErrors(mean_deg, mean_deg, 0.5, 0.75, 1.0, n=10)
-        entry = NormalMapErrors(0, 0.0, "near", None, AngularPair(pixels, pixels))
+        folds = FoldErrors(mean_deg / 3, mean_deg, 0.5)
+        entry = NormalMapErrors(0, 0.0, "near", None, AngularPair(pixels, pixels), folds)
         return replace(record, normal_maps=(entry,))
 
     base = update([with_maps(HULL[0], 12.0)])
     assert base.entries["hull8", HULL[0].subject].metrics["normal_map_0_near"].value == 12.0
     assert compare([with_maps(HULL[0], 12.05)], base).passed
-    (moved,) = compare([with_maps(HULL[0], 13.0)], base).moved
-    assert (moved.metric, moved.unit) == ("normal_map_0_near", "deg")
-    (missing,) = compare([HULL[0]], base).missing
-    assert missing.metric == "normal_map_0_near"
+    moved = compare([with_maps(HULL[0], 13.0)], base).moved
+    guarded = {"normal_map_0_near", "normal_folds_0_near"}
+    assert {(cell.metric, cell.unit) for cell in moved} == {(name, "deg") for name in guarded}
+    missing = {cell.metric for cell in compare([HULL[0]], base).missing}
+    assert missing == guarded
 
 
 def test_a_measured_spread_becomes_the_methods_own_tolerance(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.errors import DataError
 from harness.core.protocols import Part
-from harness.core.results import AngularErrors, AngularPair, NormalMapErrors
+from harness.core.results import AngularErrors, AngularPair, FoldErrors, NormalMapErrors
 from harness.pipeline.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
@@ -30,7 +30,8 @@ def entry(view, side, estimate, body, *, labelled=True):
     """The whole subject is 1 degree better than its clothes."""
     clothed = AngularPair(summary(estimate), summary(body))
     whole = AngularPair(summary(estimate - 1, 1500), summary(body - 1, 1500))
-    return NormalMapErrors(view, 45.0 * view, side, clothed if labelled else None, whole)
+    folds = FoldErrors(estimate / 4, body / 2, 0.5) if side == "near" else None
+    return NormalMapErrors(view, 45.0 * view, side, clothed if labelled else None, whole, folds)
 
 
 def with_maps(entries, method="mexecon"):
@@ -83,6 +84,23 @@ def test_cells_are_means_over_subjects_and_the_ratio_is_that_of_the_means():
     assert cells["pixels"]["mean"] == 1000
 
 
+def test_folds_are_a_share_of_the_scans_where_records_have_them():
+    table = normals_table(with_maps(four))
+    mean = 2.0 * (len(SUBJECTS) - 1)
+    near, _, far, _ = (row.cells for row in table.rows)
+    assert near["folds"].value == pytest.approx((10 + mean) / 4)
+    assert near["true_folds"].value == pytest.approx((20 + mean) / 2)
+    assert near["folds_share"].value == pytest.approx(50 * (10 + mean) / (20 + mean))
+    assert near["fold_correlation"].value == 0.5
+    assert "folds" not in far
+    assert "Folds (%)" in to_markdown(table)
+    bare = [
+        replace(r, normal_maps=tuple(replace(e, folds=None) for e in r.normal_maps))
+        for r in with_maps(four)
+    ]
+    assert "olds" not in to_markdown(normals_table(bare))
+
+
 def test_without_labels_the_row_says_that_all_pixels_count():
     table = normals_table(with_maps(lambda _: [entry(0, "near", 10.0, 20.0, labelled=False)]))
     [row] = rows(table).values()
@@ -120,7 +138,7 @@ def test_print_is_narrow_and_files_have_everything():
     table = normals_table(with_maps(four), interval=lambda values: (min(values), max(values)))
     header = next(line for line in to_markdown(table).splitlines() if line.startswith("| Method"))
     assert header.count("(deg)") == 4
-    assert header.count("(%)") == 3
+    assert header.count("(%)") == 4
     assert r"$<11.25^\circ$" in to_latex(table)
     assert to_latex(table).isascii()
     lines = list(csv.DictReader(io.StringIO(to_csv(table))))
