@@ -23,6 +23,7 @@ from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
+from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.images import save_png
@@ -193,9 +194,12 @@ class FusedMethod:
         with context.stage("normals"):
             views, shown = self._with_normals(capture, outlines, person.shape, context)
         normals = tuple(map(result_maps, shown)) if person.body else ()
+        # What the network worked with would else be held beside the largest surfaces.
+        give_freed_memory_back()
         start, fused = self._fused(views, person.shape, context)
         # The maps of normals have done their work, and memory is short from here on.
         views, shown = outlines, shown if context.keep else []
+        give_freed_memory_back()
         mesh, details = fused.mesh, {**person.details, "fusion": fused.details()}
         if settings.photos == "on":
             pulled = self._pulled(fused.mesh, capture, person, context)
