@@ -8,6 +8,7 @@ import pytest
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.topology import concatenated, open_edges
+from methods.surface import fusion
 from methods.surface.fusion import FusionParameters, fused
 
 RADIUS, CENTRE = 0.4, np.array([0.2, -0.1, 5.0])
@@ -47,6 +48,18 @@ def test_equal_input_gives_equal_output(caps, ball):
     again = fused(caps, FusionParameters(depth=7))
     np.testing.assert_array_equal(again.vertices, ball.vertices)
     np.testing.assert_array_equal(again.faces, ball.faces)
+
+
+def test_a_bulge_that_reaches_the_octrees_wall_gets_a_larger_octree(caps, monkeypatch):
+    """A bowl: nothing says where it ends below."""
+    bowl, rules = caps[:1], FusionParameters(depth=6)
+    closed = fused(bowl, rules)
+    assert open_edges(closed) == 0
+    above = closed.vertices[closed.vertices[:, 2] > CENTRE[2] + 0.15]
+    assert np.abs(np.linalg.norm(above - CENTRE, axis=1) - RADIUS).max() < 0.02
+    monkeypatch.setattr(fusion, "_MARGINS", fusion._MARGINS[:1])
+    with pytest.raises(MethodError, match="not closed"):
+        fused(bowl, rules)
 
 
 def test_decimation_keeps_it_closed(caps):
