@@ -63,6 +63,10 @@ class _Split:
     smooth: Floats
     counted: Mask
 
+    def angles_deg(self) -> Floats:
+        """(N,) between normals and their blur, where pixels count."""
+        return angles_deg(self.normals[self.counted], self.smooth[self.counted])
+
 
 def _coarser(normals: Floats, mask: Mask, times: int) -> tuple[Floats, Mask]:
     """Mean normals of blocks of ``times`` by ``times`` pixels that the mask covers wholly."""
@@ -116,7 +120,7 @@ def fold_angles_deg(normals: Floats, mask: Mask, pixel_m: float) -> Floats:
     """
     split = _split(normals, mask, pixel_m)
     out = np.full(split.counted.shape, np.nan)
-    out[split.counted] = angles_deg(split.normals[split.counted], split.smooth[split.counted])
+    out[split.counted] = split.angles_deg()
     return out
 
 
@@ -168,11 +172,11 @@ def fold_errors(estimate: Floats, truth: Floats, mask: Mask, pixel_m: float) -> 
     found, true = (_split(normals, mask, pixel_m) for normals in (estimate, truth))
     if not found.counted.any():
         return None
-    strengths = [
-        float(angles_deg(split.normals[split.counted], split.smooth[split.counted]).mean())
-        for split in (found, true)
-    ]
-    return FoldErrors(*strengths, correlation=_correlation(found, true))
+    return FoldErrors(
+        estimate_deg=float(found.angles_deg().mean()),
+        truth_deg=float(true.angles_deg().mean()),
+        correlation=_correlation(found, true),
+    )
 
 
 def pixel_size_m(camera: Camera, place: Floats) -> float:

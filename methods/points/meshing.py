@@ -22,14 +22,10 @@ from harness.geometry.topology import largest_piece, open_edges
 from methods.points.cloud import OrientedPoints
 from methods.points.settings import MeshSettings
 from methods.points.silhouettes import held_to
-from methods.surface.fusion import one_piece
+from methods.surface.fusion import OCTREES, one_piece
 
 __all__ = ["Surfaces", "meshed"]
 
-#: The octree's side over the longest side of the points, and levels more that it then needs for
-#: cells of about the same size. The bulge in a wide gap can reach the octree's wall, where the
-#: surface stays open: then the next one is tried.
-_MARGINS = ((1.25, 0), (2.5, 1), (5.0, 2))
 _LEAST_POINTS = 100
 
 
@@ -101,7 +97,7 @@ def meshed(
 def _closed_poisson(points: OrientedPoints, depth: int) -> tuple[Mesh, Floats, float]:
     """The surface, (V,) its density of points, and the first margin that left it closed."""
     complaint = ""
-    for margin, levels in _MARGINS:
+    for margin, levels in OCTREES:
         whole, density = _poisson(points, depth + levels, margin)
         closed = one_piece(whole)
         loose, volume = open_edges(closed), closed.signed_volume

@@ -19,13 +19,13 @@ from harness.geometry.surface import vertex_normals
 from harness.geometry.topology import concatenated, largest_piece, open_edges
 from methods.surface.pinches import without_pinches
 
-__all__ = ["FusionParameters", "fused", "one_piece"]
+__all__ = ["OCTREES", "FusionParameters", "fused", "one_piece"]
 
 
-#: The octree's side over the longest side of the surfaces. A bulge in a wide gap can reach the
-#: octree's wall, where the surface then stays open, as at the published 1.1; so the next one is
-#: taken where it does. The first closes every subject that was measured.
-_MARGINS = (1.25, 1.5, 1.8, 2.2)
+#: The octree's side over the longest side of what is fused, and levels more that it then needs for
+#: cells of about the same size. The bulge in a wide gap can reach the octree's wall, where the
+#: surface stays open, as at the published 1.1: then the next one is tried.
+OCTREES = ((1.25, 0), (2.5, 1), (5.0, 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +34,7 @@ class FusionParameters:
 
     Attributes:
         depth: Depth of the octree; its finest cell is 1.25 times the longest side, divided by
-            2^depth. Where the surface reaches the octree's wall, it is 1.5, 1.8 or 2.2 times the
-            side.
+            2^depth.
         faces: Decimate to about this many faces; 0 keeps all.
     """
 
@@ -77,8 +76,8 @@ def one_piece(mesh: Mesh) -> Mesh:
 def _bounded(cloud: Mesh, depth: int) -> Mesh:
     """One piece that does not reach the octree's wall, or the last that was tried."""
     mesh = cloud
-    for margin in _MARGINS:
-        mesh = one_piece(_poisson(cloud, depth, margin))
+    for margin, levels in OCTREES:
+        mesh = one_piece(_poisson(cloud, depth + levels, margin))
         if not open_edges(mesh):
             break
     return mesh

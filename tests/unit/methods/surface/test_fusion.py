@@ -57,7 +57,7 @@ def test_a_bulge_that_reaches_the_octrees_wall_gets_a_larger_octree(caps, monkey
     assert open_edges(closed) == 0
     above = closed.vertices[closed.vertices[:, 2] > CENTRE[2] + 0.15]
     assert np.abs(np.linalg.norm(above - CENTRE, axis=1) - RADIUS).max() < 0.02
-    monkeypatch.setattr(fusion, "_MARGINS", fusion._MARGINS[:1])
+    monkeypatch.setattr(fusion, "OCTREES", fusion.OCTREES[:1])
     with pytest.raises(MethodError, match="not closed"):
         fused(bowl, rules)
 
