@@ -46,16 +46,28 @@ def test_the_cards_numbers_are_those_of_the_measured_tables() -> None:
         assert (cells[2], cells[3], cells[7]) == (body, network, share)
 
 
-def test_the_card_names_the_training_subjects_of_the_provenance() -> None:
+def test_the_card_names_the_training_subjects_of_all_sittings() -> None:
+    stored = json.loads((WEIGHTS / "weights.json").read_text())[OPEN_NETWORK]
     page = (WEIGHTS / f"PROVENANCE-{OPEN_NETWORK}.md").read_text(encoding="utf-8")
-    _, last = page.rsplit("and saw ", 1)
-    seen, _, rest = last.partition(": ")
-    trained, _, rest = rest.partition(" (version")
-    judges, *_ = rest.partition("These only judged: ")[2].partition(".\n")
+    trained, _, _ = stored["training_set"].rpartition(", version")
+    sittings = re.findall(r"and saw \d+ subjects: (.*?) \(version \d+\)", page)
+    steps = [int(n) for n in re.findall(r"--steps (\d+)", page)]
+    (judges,) = set(re.findall(r"These only judged: (.*?)\.\n", page))
 
+    assert set().union(*map(_expanded, sittings)) == _expanded(trained)
     card = " ".join(CARD.split())
     assert "trained on generated people only" in card
-    steps = [int(n) for n in re.findall(r"--steps (\d+)", page)]
-    assert f"{seen} in {len(steps)} sittings of {sum(steps)} steps" in card
+    count = len(_expanded(trained))
+    assert f"{count} subjects in {len(steps)} sittings of {sum(steps)} steps" in card
     for listed in (trained, judges):
         assert listed.replace("; ", " and of ") in card
+    assert not _expanded(judges) & _expanded(trained)
+
+
+def _expanded(listed: str) -> set[str]:
+    """The subjects of a list such as ``avatars-train t00001..t00003, t00007``."""
+    found: set[str] = set()
+    for first, last in re.findall(r"\b([tuv]\d{5})(?:\.\.([tuv]\d{5}))?", listed):
+        numbers = range(int(first[1:]), int((last or first)[1:]) + 1)
+        found |= {f"{first[0]}{number:05d}" for number in numbers}
+    return found
