@@ -38,7 +38,9 @@ def test_a_start_of_three_millimetres_is_not_made_worse(sphere, noise, error_px)
 
 def test_a_dent_of_three_centimetres_comes_out(sphere):
     # As between the legs of a skirt, where normals mislead the fused surface.
-    views = photographs(sphere, tuple(CAMERAS[view] for view in (6, 7, 0, 1, 2)), grain, 0.0, seed=5)
+    views = photographs(
+        sphere, tuple(CAMERAS[view] for view in (6, 7, 0, 1, 2)), grain, 0.0, seed=5
+    )
     out = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1, keepdims=True)
     depth_m = 0.03 * np.exp(-((np.arccos(np.clip(out[:, 2:], -1, 1)) / 0.35) ** 2))
     start = Mesh(sphere.vertices - depth_m * out, sphere.faces)
