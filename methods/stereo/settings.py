@@ -27,8 +27,9 @@ _ROUNDS_M = (
 #: a centimetre. Between the legs of a skirt its normals mislead: it stands off by up to 5 cm where
 #: the cloth falls back (on the training subject t00127, whose normals are 1.0 degrees better with
 #: 6 cm of search behind it than with 3), and is dented by as much where the cloth spans (on t00182,
-#: 0.3 degrees and 0.11 mm of Chamfer better with 4 cm before it than with 1.5; t00022 and t00127
-#: have the same Chamfer within 0.01 mm and are 0.3 and 0.1 degrees better).
+#: 0.3 degrees better with 4 cm before it than with 1.5, and 0.11 mm in the mean of the distances to
+#: and from the scan; t00022 and t00127 are as far off within 0.01 mm, and 0.3 and 0.1 degrees
+#: better).
 _NEAR_ROUNDS_M = (
     (0.060, 0.040, 0.006, 0.006),
     (0.030, 0.020, 0.004, 0.005),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from harness.pipeline.training.sittings import provenance, sittings_of, spans
 from methods.normals.installed import OPEN_NETWORK
 
 ROOT = Path(__file__).parents[2]
@@ -48,26 +50,28 @@ def test_the_cards_numbers_are_those_of_the_measured_tables() -> None:
 
 def test_the_card_names_the_training_subjects_of_all_sittings() -> None:
     stored = json.loads((WEIGHTS / "weights.json").read_text())[OPEN_NETWORK]
+    sittings = sittings_of(WEIGHTS / stored["file"])
     page = (WEIGHTS / f"PROVENANCE-{OPEN_NETWORK}.md").read_text(encoding="utf-8")
-    trained, _, _ = stored["training_set"].rpartition(", version")
-    sittings = re.findall(r"and saw \d+ subjects: (.*?) \(version \d+\)", page)
-    steps = [int(n) for n in re.findall(r"--steps (\d+)", page)]
-    (judges,) = set(re.findall(r"These only judged: (.*?)\.\n", page))
+    trained = _together(sitting.trained for sitting in sittings)
+    judges = _together(sitting.judged for sitting in sittings)
+    steps = [sitting.curve[-1].step for sitting in sittings]
 
-    assert set().union(*map(_expanded, sittings)) == _expanded(trained)
+    assert page == provenance(OPEN_NETWORK, sittings)
     card = " ".join(CARD.split())
     assert "trained on generated people only" in card
-    count = len(_expanded(trained))
+    count = sum(map(len, trained.values()))
     assert f"{count} subjects in {len(steps)} sittings of {sum(steps)} steps" in card
     for listed in (trained, judges):
-        assert listed.replace("; ", " and of ") in card
-    assert not _expanded(judges) & _expanded(trained)
+        named = [f"{dataset} {spans(sorted(ids))}" for dataset, ids in listed.items()]
+        assert " and of ".join(named) in card
+    for dataset, ids in judges.items():
+        assert not ids & trained[dataset]
 
 
-def _expanded(listed: str) -> set[str]:
-    """The subjects of a list such as ``avatars-train t00001..t00003, t00007``."""
-    found: set[str] = set()
-    for first, last in re.findall(r"\b([tuv]\d{5})(?:\.\.([tuv]\d{5}))?", listed):
-        numbers = range(int(first[1:]), int((last or first)[1:]) + 1)
-        found |= {f"{first[0]}{number:05d}" for number in numbers}
+def _together(each: Iterable[Mapping[str, tuple[str, ...]]]) -> dict[str, set[str]]:
+    """All subjects of some sittings by dataset."""
+    found: dict[str, set[str]] = {}
+    for subjects in each:
+        for dataset, ids in subjects.items():
+            found.setdefault(dataset, set()).update(ids)
     return found

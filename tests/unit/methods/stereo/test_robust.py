@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from harness.core.mesh import Mesh
 from methods.stereo.pull import pull
 from methods.stereo.settings import near_settings
 from methods.stereo.surface import stereo_points
+from methods.stereo.views import StereoView
 from tests.unit.methods.stereo.conftest import CAMERAS, RADIUS, grain, photographs, shaken
 
 
@@ -18,6 +20,13 @@ def rms_mm(mesh: Mesh) -> float:
     """Of the vertices that the front views see."""
     front = mesh.vertices[mesh.vertices[:, 2] > 0.5 * RADIUS]
     return 1e3 * float(np.sqrt(((np.linalg.norm(front, axis=1) - RADIUS) ** 2).mean()))
+
+
+def pulled_near(views: Sequence[StereoView], start: Mesh) -> Mesh:
+    """The start, pulled to what the views agree on near it."""
+    settings = near_settings()
+    points = stereo_points(views, start, settings)
+    return pull(start, points, settings.pulls, lambda mesh, _step_m: mesh).mesh
 
 
 # 0.35 px along each axis of these photos is a re-projection error of 1 px in those of ``paper8``.
@@ -30,10 +39,8 @@ def test_a_start_of_three_millimetres_is_not_made_worse(sphere, noise, error_px)
     given = shaken(tuple(view.camera for view in exact), error_px, seed=6)
     views = [replace(view, camera=camera) for view, camera in zip(exact, given, strict=True)]
     start = Mesh(sphere.vertices * (RADIUS + 0.003) / RADIUS, sphere.faces)
-    settings = near_settings()
-    points = stereo_points(views, start, settings)
-    pulled = pull(start, points, settings.pulls, lambda mesh, _step_m: mesh)
-    assert rms_mm(pulled.mesh) <= rms_mm(start) * 1.02
+    pulled = pulled_near(views, start)
+    assert rms_mm(pulled) <= rms_mm(start) * 1.02
 
 
 def test_a_dent_of_three_centimetres_comes_out(sphere):
@@ -44,8 +51,6 @@ def test_a_dent_of_three_centimetres_comes_out(sphere):
     out = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1, keepdims=True)
     depth_m = 0.03 * np.exp(-((np.arccos(np.clip(out[:, 2:], -1, 1)) / 0.35) ** 2))
     start = Mesh(sphere.vertices - depth_m * out, sphere.faces)
-    settings = near_settings()
-    points = stereo_points(views, start, settings)
-    pulled = pull(start, points, settings.pulls, lambda mesh, _step_m: mesh)
+    pulled = pulled_near(views, start)
     assert rms_mm(start) > 8.0
-    assert rms_mm(pulled.mesh) < 1.0
+    assert rms_mm(pulled) < 1.0
