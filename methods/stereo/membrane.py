@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Ints, Mask
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
 from harness.geometry.topology import edges_of
@@ -33,8 +33,8 @@ class Neighbourhood:
 
         self.mesh = mesh
         count = len(mesh.vertices)
-        edges = edges_of(mesh.faces).ends
-        first, second = np.concatenate([edges, edges[:, ::-1]]).T
+        self._edges: Ints = edges_of(mesh.faces).ends
+        first, second = np.concatenate([self._edges, self._edges[:, ::-1]]).T
         adjacent = csr_array((np.ones(len(first)), (first, second)), shape=(count, count))
         degree = np.asarray(adjacent.sum(axis=1)).ravel()
         self._mean: Any = diags_array(1.0 / np.maximum(degree, 1.0)) @ adjacent
@@ -59,6 +59,26 @@ class Neighbourhood:
         for _ in range(times):
             normals = unit(0.5 * normals + 0.5 * (self._mean @ normals))
         return normals
+
+    def patch_areas_m2(self, values: Floats, where: Mask, step: float) -> Floats:
+        """(V,) the area of the patch that a vertex belongs to, square metres; 0 elsewhere.
+
+        Args:
+            values: (V,) what is alike in a patch: neighbours in it differ by less than ``step``.
+            where: (V,) which vertices belong to patches at all.
+            step: See ``values``; in their unit.
+        """
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import connected_components
+
+        count = len(self.mesh.vertices)
+        first, second = self._edges.T
+        alike = where[first] & where[second] & (np.abs(values[first] - values[second]) < step)
+        ends = (first[alike], second[alike])
+        graph = csr_array((np.ones(len(ends[0])), ends), shape=(count, count))
+        patches, patch = connected_components(graph, directed=False)
+        area: Floats = np.bincount(patch, self.areas_m2 * where, patches)
+        return area[patch] * where
 
     def motion(self, offsets: Floats, weights: Floats, membrane_m: float) -> Floats:
         """(V,) the smooth motion t that comes nearest to wanted ones.

@@ -60,6 +60,30 @@ def test_wild_points_do_not_pull(sphere):
     assert np.quantile(off_mm(pulled.mesh), 0.95) < 1.0
 
 
+@pytest.mark.parametrize(("radius_m", "depth_mm"), [(0.015, 0.0), (0.02, 0.0), (0.04, 12.0)])
+def test_a_small_island_of_points_does_not_pull_and_a_large_one_does(sphere, radius_m, depth_mm):
+    """All views agree on points that lie 12 mm behind all around them, on 7, 12 and 50 cm2."""
+    points = on_sphere(60_000, RADIUS)
+    island = np.arccos(points.normals[:, 2]) < radius_m / RADIUS
+    radii = np.where(island, RADIUS - 0.012, RADIUS)
+    pulled = pull(sphere, on_sphere(60_000, radii), ROUNDS[1:], kept)
+    pole = np.hypot(*sphere.vertices[:, :2].T) < 0.5 * radius_m
+    pole &= sphere.vertices[:, 2] > 0
+    assert pole.sum() >= 4
+    assert np.abs(off_mm(pulled.mesh)[pole].mean() - depth_mm) < 0.5
+
+
+def test_patches_are_told_apart_by_their_values(sphere):
+    around = Neighbourhood(sphere)
+    north = sphere.vertices[:, 2] > 0.5 * RADIUS
+    equator = np.abs(sphere.vertices[:, 2]) < 0.1 * RADIUS
+    areas = around.patch_areas_m2(np.where(north, 1.0, 0.0), ~equator, 0.5)
+    cap, whole = np.pi * RADIUS**2, 4.0 * np.pi * RADIUS**2
+    assert np.all(areas[equator] == 0)
+    assert areas[north] == pytest.approx(cap, rel=0.05)
+    assert areas[sphere.vertices[:, 2] < -0.1 * RADIUS] == pytest.approx(0.45 * whole, rel=0.05)
+
+
 def test_views_that_contradict_each_other_do_not_pull(sphere):
     """Even views say 8 mm outside, odd ones 8 mm inside: no offset predicts the other's."""
     radii = RADIUS + np.where(np.arange(60_000) % 2 == 0, 0.003, -0.003)
