@@ -10,7 +10,7 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
-from harness.geometry.topology import edges_of
+from harness.geometry.topology import components, edges_of
 
 __all__ = ["Neighbourhood", "unit"]
 
@@ -68,16 +68,10 @@ class Neighbourhood:
             where: (V,) which vertices belong to patches at all.
             step: See ``values``; in their unit.
         """
-        from scipy.sparse import csr_array
-        from scipy.sparse.csgraph import connected_components
-
-        count = len(self.mesh.vertices)
         first, second = self._edges.T
         alike = where[first] & where[second] & (np.abs(values[first] - values[second]) < step)
-        ends = (first[alike], second[alike])
-        graph = csr_array((np.ones(len(ends[0])), ends), shape=(count, count))
-        patches, patch = connected_components(graph, directed=False)
-        area: Floats = np.bincount(patch, self.areas_m2 * where, patches)
+        patch = components(len(self.mesh.vertices), first[alike], second[alike])
+        area: Floats = np.bincount(patch, self.areas_m2 * where)
         return area[patch] * where
 
     def motion(self, offsets: Floats, weights: Floats, membrane_m: float) -> Floats:
