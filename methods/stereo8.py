@@ -24,12 +24,8 @@ from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.nview.start import clothed, start_surface
 from methods.nview.views import checked_views, outline_views
-from methods.photo_pull import (
-    StereoTask,
-    hands_of,
-    pulled_to_photos,
-    stereo_parameters,
-)
+from methods.photo_pull.pulled import pulled_to_photos
+from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
 from methods.stereo.settings import KeepRules, MatchSettings, NarrowSettings, StereoSettings
 
 __all__ = ["StartSettings", "Stereo8", "StereoBegun", "stereo8"]

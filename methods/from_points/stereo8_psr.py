@@ -18,7 +18,8 @@ from harness.core.formats.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.photo import open_photo
-from methods.photo_pull import StereoTask, agreed_points, hands_of
+from methods.photo_pull.pulled import agreed_points
+from methods.photo_pull.task import StereoTask, hands_of
 from methods.points.cloud import OrientedPoints
 from methods.points.meshing import meshed
 from methods.points.settings import MeshSettings

@@ -45,15 +45,11 @@ from methods.nview.views import (
     even_choice,
     outline_views,
 )
-from methods.photo_pull import (
-    PulledSurface,
-    StereoTask,
-    hands_of,
-    pulled_to_photos,
-    stereo_parameters,
-)
+from methods.photo_pull.pulled import PulledSurface, pulled_to_photos
+from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
 from methods.stages import Stages, contact_sheet
 from methods.stereo.settings import (
+    DentSettings,
     KeepRules,
     MatchSettings,
     NarrowSettings,
@@ -97,6 +93,7 @@ class FusedRooms:
         match: How photos are matched around that surface, which is as often inside as outside.
         keep: Which points of it are kept.
         narrow: The search that finishes.
+        dents: Which hollows of that surface photos are asked about.
     """
 
     body: FitSettings = JMBO_PLUS
@@ -104,12 +101,13 @@ class FusedRooms:
     match: MatchSettings = field(default_factory=lambda: near_settings().match)
     keep: KeepRules = field(default_factory=KeepRules)
     narrow: NarrowSettings = field(default_factory=NarrowSettings)
+    dents: DentSettings = field(default_factory=DentSettings)
 
     @property
     def stereo(self) -> StereoSettings:
         """Those of photo-consistency."""
         near = near_settings()
-        return replace(near, match=self.match, keep=self.keep, narrow=self.narrow)
+        return replace(near, match=self.match, keep=self.keep, narrow=self.narrow, dents=self.dents)
 
 
 class FusedMethod:

@@ -13,7 +13,7 @@ from methods.stereo.membrane import unit
 from methods.stereo.patchmatch import DepthMap
 from methods.stereo.settings import KeepRules
 
-__all__ = ["StereoPoints", "consistent_points"]
+__all__ = ["StereoPoints", "consistent_points", "joined"]
 
 
 #: Points average with weights 1 / (this + cost).
@@ -72,7 +72,7 @@ def consistent_points(
     """
     cell_m, near_m = max(rules.cell_m, pixel_m), max(rules.isolated_m, 4.0 * pixel_m)
     kept = [_thinned(_confirmed(view, maps, rules), cell_m) for view in sorted(maps)]
-    return _not_alone(_joined(kept), near_m)
+    return _not_alone(joined(kept), near_m)
 
 
 def _confirmed(view: int, maps: Mapping[int, DepthMap], rules: KeepRules) -> StereoPoints:
@@ -150,7 +150,8 @@ def _not_alone(points: StereoPoints, near_m: float) -> StereoPoints:
     return points.chosen(distance[:, -1] < near_m)
 
 
-def _joined(parts: Sequence[StereoPoints]) -> StereoPoints:
+def joined(parts: Sequence[StereoPoints]) -> StereoPoints:
+    """All points of some sets, one set after the other."""
     if not parts:
         return StereoPoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
     return StereoPoints(

@@ -8,7 +8,7 @@ ones near its own, and keeps what correlates best with the views beside it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,12 +73,18 @@ class DepthMap:
 
 
 class StartSurface:
-    """A mesh around which depths are searched, with smooth normals."""
+    """A mesh around which depths are searched, with smooth normals.
 
-    def __init__(self, mesh: Mesh) -> None:
+    Args:
+        mesh: Closed, facing outwards, world metres.
+        within: Which of its places (N, 3) are searched; all of them unless given.
+    """
+
+    def __init__(self, mesh: Mesh, within: Callable[[Floats], Mask] | None = None) -> None:
         self.mesh = mesh
         self.caster = Raycaster(mesh)
         self.normals = Neighbourhood(mesh).smooth_normals(_SMOOTHINGS)
+        self.within = within
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,6 +168,10 @@ def _seen(photo: Contrast, cameras: Sequence[Camera], start: StartSurface) -> _S
     """The start surface's pixels in a photo that at least one of the other cameras sees too."""
     hits = start.caster.cast(photo.camera)
     rows, columns = np.nonzero(hits.mask & photo.mask)
+    if start.within is not None:
+        pixels = np.stack([columns + 0.5, rows + 0.5], axis=1)
+        asked = start.within(photo.camera.unproject(pixels, hits.depth[rows, columns]))
+        rows, columns = rows[asked], columns[asked]
     corners = start.mesh.faces[hits.face[rows, columns]]
     weights = hits.barycentric[rows, columns].astype(np.float64)
     normal = np.einsum("nk,nkc->nc", weights, start.normals[corners])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from harness.core.errors import HarnessError
 
 __all__ = [
+    "DentSettings",
     "KeepRules",
     "MatchSettings",
     "NarrowSettings",
@@ -151,6 +152,32 @@ class NarrowSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class DentSettings:
+    """Which hollows of a start surface photos are asked about before it is pulled.
+
+    Attributes:
+        radius_m: Of a ball that does not fit in: hollows are up to twice as wide. 0 asks of none.
+        step_m: Of the lattice on which they are found.
+        least_m3: Smaller hollows stay; points pull those out.
+    """
+
+    radius_m: float = 0.03
+    step_m: float = 0.006
+    least_m3: float = 8e-6
+
+    def __post_init__(self) -> None:
+        if self.radius_m and not self.step_m <= self.radius_m <= 0.1:
+            raise HarnessError(
+                f"setting 'radius_m' cannot be '{self.radius_m}'",
+                expected=f"0, or {self.step_m} (a step of the lattice) to 0.1 metres",
+            )
+        if not 0.003 <= self.step_m <= 0.02:
+            raise HarnessError(
+                f"setting 'step_m' cannot be '{self.step_m}'", expected="0.003 to 0.02 metres"
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class StereoSettings:
     """All of them.
 
@@ -159,12 +186,14 @@ class StereoSettings:
         keep: The points.
         pulls: The rounds.
         narrow: The search that finishes.
+        dents: Which hollows of the start are asked about; of a start that is a hull, none.
     """
 
     match: MatchSettings = field(default_factory=MatchSettings)
     keep: KeepRules = field(default_factory=KeepRules)
     pulls: tuple[PullRound, ...] = tuple(PullRound(*row) for row in _ROUNDS_M)
     narrow: NarrowSettings = field(default_factory=NarrowSettings)
+    dents: DentSettings | None = None
 
     def __post_init__(self) -> None:
         if self.match.radius_px < 1 or self.match.tries < 1 or self.narrow.radius < 1:
@@ -178,9 +207,11 @@ class StereoSettings:
 def near_settings() -> StereoSettings:
     """Settings for a start that other evidence made, such as a fused surface.
 
-    Searched from 40 mm before it to 60 mm behind, and pulled in four rounds.
+    Its dents are asked about; it is searched from 40 mm before it to 60 mm behind, and pulled in
+    four rounds.
     """
     return StereoSettings(
         match=MatchSettings(behind_m=0.060, before_m=0.040),
         pulls=tuple(PullRound(*row) for row in _NEAR_ROUNDS_M),
+        dents=DentSettings(),
     )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 from harness.core.mesh import Mesh
 from harness.core.process.threads import on_all_cores
@@ -27,7 +27,10 @@ _FINER = 0.75
 
 
 def stereo_points(
-    views: Sequence[StereoView], start: Mesh, settings: StereoSettings
+    views: Sequence[StereoView],
+    start: Mesh,
+    settings: StereoSettings,
+    within: Callable[[Floats], Mask] | None = None,
 ) -> StereoPoints:
     """The points that neighbouring photos agree on around a start surface, world metres.
 
@@ -35,6 +38,7 @@ def stereo_points(
         views: Two or more; views without a neighbour at 10 to 65 degrees give none.
         start: Closed, facing outwards, within 5 cm outside of the subject.
         settings: How.
+        within: Which places (N, 3) of the start are searched; all of them unless given.
     """
     centre = start.bounds.mean(axis=0)
     match = settings.match
@@ -43,7 +47,7 @@ def stereo_points(
         for view in views
     ]
     beside = neighbours([photo.camera for photo in photos], centre)
-    surface = StartSurface(start)
+    surface = StartSurface(start, within)
 
     def found(view: int) -> DepthMap | None:
         return depth_map(view, photos, beside[view], surface, match)

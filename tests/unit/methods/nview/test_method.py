@@ -57,7 +57,7 @@ def context(folder, mesh=None) -> Context:
 def test_it_takes_all_views_and_names_its_parts():
     info = mexecon_plus.info
     assert info.views is None
-    assert set(info.parameters) == {"body", "nview", "match", "keep", "narrow", "pulls"}
+    assert set(info.parameters) == {"body", "nview", "match", "keep", "narrow", "dents", "pulls"}
     assert [part.role for part in info.parts] == ["body model", "landmarks", "normal estimator"]
     assert info.deviations == ()
 

@@ -3,57 +3,28 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.shared_work import Sharing, Work, alone
 from harness.core.protocols import Context
 from harness.geometry.photo import open_photo
-from methods.body.result import BodyFitResult
 from methods.closed.lattices import remeshed
-from methods.stereo.settings import StereoSettings
+from methods.photo_pull.task import StereoTask
 
 if TYPE_CHECKING:
+    from methods.photo_pull.dents import Undented
     from methods.stereo.consistency import StereoPoints
     from methods.stereo.pull import RoundReport
     from methods.stereo.views import StereoView
 
-__all__ = [
-    "PulledSurface",
-    "StereoTask",
-    "agreed_points",
-    "hands_of",
-    "pulled_to_photos",
-    "stereo_parameters",
-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StereoTask:
-    """What is asked of the photos.
-
-    Attributes:
-        views: Indices of the photos that are used.
-        hands: (N, 3) places, world metres, near which points do not count: fingers are thinner than
-            a window.
-        settings: How points are found, kept and followed.
-        narrow: Whether a short search in full resolution finishes the surface.
-        is_shared: Whether other methods ask for the points around the same start.
-    """
-
-    views: Sequence[int]
-    hands: Floats
-    settings: StereoSettings
-    narrow: bool = True
-    is_shared: bool = False
+__all__ = ["PulledSurface", "agreed_points", "pulled_to_photos"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,16 +36,19 @@ class PulledSurface:
         before_narrow: The surface when it follows the points alone.
         points: How many points the photos agree on.
         rounds: What each round did.
+        undented: What became of the start's dents, if they were asked about.
     """
 
     mesh: Mesh
     before_narrow: Mesh
     points: int
     rounds: tuple[RoundReport, ...]
+    undented: Undented | None = None
 
     def details(self) -> dict[str, object]:
         """Plain JSON values for a record's reader."""
         return {
+            **({"dents": self.undented.details()} if self.undented else {}),
             "points": self.points,
             "rounds": [
                 {
@@ -86,11 +60,6 @@ class PulledSurface:
                 for each in self.rounds
             ],
         }
-
-
-def hands_of(fitted: BodyFitResult) -> Floats:
-    """(N, 3) vertices of the fitted body's hands, world metres."""
-    return fitted.body.vertices[fitted.regions["left_hand"] | fitted.regions["right_hand"]]
 
 
 def pulled_to_photos(
@@ -108,13 +77,20 @@ def pulled_to_photos(
         MethodError: a photo that does not fit its camera or shows nothing of the subject.
     """
     # Not at the top: Warp takes a second to start, and methods are listed without it.
+    from methods.photo_pull.dents import without_dents
+    from methods.stereo.consistency import joined
     from methods.stereo.pull import pull
     from methods.stereo.surface import finished
 
     settings = task.settings
+    undented = None
     with context.stage("points"):
         points = agreed_points(start, capture, task, context.share)
         points = points.away_from(task.hands, settings.keep.hands_m)
+    if settings.dents and settings.dents.radius_m:
+        with context.stage("dents"):
+            undented = without_dents(start, _stereo_views(capture, task), task, settings.dents)
+            start, points = undented.start, joined((points, undented.points))
     with context.stage("pull"):
         pulled = pull(start, points, settings.pulls, remeshed)
     mesh, rounds = pulled.mesh, pulled.rounds
@@ -123,7 +99,7 @@ def pulled_to_photos(
             # Read anew: in full resolution the photos take as much memory as the pull does.
             finish = finished(mesh, _stereo_views(capture, task), settings)
             mesh, rounds = finish.mesh, (*rounds, *finish.rounds)
-    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds))
+    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds), undented)
 
 
 def agreed_points(
@@ -187,14 +163,3 @@ def _stereo_views(capture: Capture, task: StereoTask) -> list[StereoView]:
     return [
         stereo_view(capture.cameras[view], open_photo(capture, view).rgba) for view in task.views
     ]
-
-
-def stereo_parameters(settings: StereoSettings) -> dict[str, dict[str, object]]:
-    """The settings by room, as methods state them: ``match``, ``keep``, ``narrow``, ``pulls``."""
-    rooms: dict[str, dict[str, object]] = {
-        name: asdict(getattr(settings, name)) for name in ("match", "keep", "narrow")
-    }
-    rounds: dict[str, object] = {
-        f"round_{number}": asdict(each) for number, each in enumerate(settings.pulls, start=1)
-    }
-    return {**rooms, "pulls": rounds}
