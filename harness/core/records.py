@@ -194,18 +194,31 @@ class Record:
         Raises:
             DataError: not a record of this schema.
         """
-        document = read_json(path)
-        schema = document.pop("schema", None)
+        return cls.from_document(read_json(path), path)
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any], source: str | Path) -> Record:
+        """The record in plain JSON values, as ``to_dict`` gives them.
+
+        Args:
+            document: The values.
+            source: Where they come from, for messages.
+
+        Raises:
+            DataError: not a record of this schema.
+        """
+        fields = dict(document)
+        schema = fields.pop("schema", None)
         if schema in _EARLIER_SCHEMAS:
-            document, schema = _upgraded(document), RECORD_SCHEMA
+            fields, schema = _upgraded(fields), RECORD_SCHEMA
         if schema != RECORD_SCHEMA:
             raise DataError(
-                f"{path} is not a record of this version",
+                f"{source} is not a record of this version",
                 expected=f"schema {RECORD_SCHEMA}",
                 got=str(schema),
                 hint="Run the evaluation again to replace it",
             )
-        return from_json(cls, document, path, "a record")
+        return from_json(cls, fields, source, "a record")
 
 
 def _upgraded(document: dict[str, Any]) -> dict[str, Any]:

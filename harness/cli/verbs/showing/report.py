@@ -19,7 +19,9 @@ from harness.cli.options import (
 )
 from harness.cli.output import deliver, how_to_open
 from harness.cli.verb_list import verb_group
+from harness.core.errors import HarnessError
 from harness.data.manifest import load_manifest
+from harness.pipeline.board.record_file import read_record_file
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.figure_request import FigureRequest, draw_figure
 from harness.pipeline.report.figures import FIGURES
@@ -127,6 +129,15 @@ IncludeLicensed = Annotated[
         help="With --page: include scans and photos whose licence does not let you pass them on.",
     ),
 ]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--records",
+        metavar="FILE",
+        help="Read records from a file of 'harness results records', not from a run. For tables "
+        "that need no meshes or photos.",
+    ),
+]
 
 
 @app.command()
@@ -134,6 +145,7 @@ def report(
     table: TableName = "geometry",
     form: Format = "markdown",
     run: Run = None,
+    records: RecordFile = None,
     method: Methods = "",
     subjects: Subjects = "",
     interval: Interval = False,
@@ -151,6 +163,7 @@ def report(
 ) -> None:
     """Print a table of a run, draw a figure, or write a page."""
     place = Workspace.default(workspace)
+    _refuse_with_records(records, run, table, figure, page)
     if page is not None:
         wanted = PageRequest(
             store=RunStore.existing(place, run),
@@ -162,8 +175,7 @@ def report(
             reason=reason,
         )
         with shown_progress() as progress:
-            print(how_to_open(write_page(wanted, load_manifest(manifest), place, progress)))
-        return
+            return print(how_to_open(write_page(wanted, load_manifest(manifest), place, progress)))
     if figure:
         drawing = FigureRequest(
             name=figure,
@@ -173,8 +185,7 @@ def report(
             reason=reason,
             output=output,
         )
-        print(draw_figure(drawing, load_manifest(manifest), place, shown_progress()))
-        return
+        return print(draw_figure(drawing, load_manifest(manifest), place, shown_progress()))
     request = ReportRequest(
         table=table,
         format="json" if as_json else form,
@@ -184,7 +195,27 @@ def report(
         published=published,
         paired=paired,
     )
-    deliver(_text(request, place, run, manifest, reason), output)
+    if records is not None:
+        return deliver(build_table(read_record_file(records), request), output)
+    return deliver(_text(request, place, run, manifest, reason), output)
+
+
+def _refuse_with_records(
+    records: Path | None, run: str | None, table: str, figure: str, page: Path | None
+) -> None:
+    """Refuse what a file of records, if one is given, cannot give."""
+    if records is None:
+        return
+    other = {"--run": run, "--figure": figure, "--page": page}
+    given = [option for option, value in other.items() if value]
+    if table not in TABLES:
+        given.append(f"--table {table}")
+    if given:
+        raise HarnessError(
+            f"--records cannot be combined with {given[0]}",
+            expected=f"a table of the records alone: {', '.join(TABLES)}",
+            hint="Figures, pages and photo tables need a run: leave out --records",
+        )
 
 
 def _text(

@@ -20,12 +20,14 @@ from harness.cli.options import (
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.core.formats.typed_json import to_json
+from harness.core.records import Record
 from harness.data.manifest import load_manifest
 from harness.pipeline.board.compare import changed_entries, changes_markdown, compare_boards
 from harness.pipeline.board.entries import Entry, entries_in
 from harness.pipeline.board.export import export_results
 from harness.pipeline.board.merge import merge_entry
 from harness.pipeline.board.page import write_board_page
+from harness.pipeline.board.record_file import write_record_file
 from harness.pipeline.board.verify import Truths, Verification, verify_entry
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.tables import in_order
@@ -79,14 +81,25 @@ def export(
 ) -> None:
     """Write records and meshes of a run as results that can be handed in."""
     store = RunStore.existing(Workspace.default(workspace), run)
-    chosen = split_names(subjects)
-    records = [
-        record
-        for record in in_order(store.records(), split_names(method))
-        if not chosen or record.subject in chosen
-    ]
-    for entry in export_results(store, records, version, folder):
+    for entry in export_results(store, _chosen(store, method, subjects), version, folder):
         print(f"{entry.directory}: {len(entry.subjects())} subjects")
+
+
+@app.command()
+def records(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, or to replace.")],
+    run: Run = None,
+    method: Methods = "",
+    subjects: Subjects = "",
+    workspace: WorkspacePath = None,
+) -> None:
+    """Write the records of a run into one file, without meshes.
+
+    'harness report --records FILE' makes tables from it.
+    """
+    found = _chosen(RunStore.existing(Workspace.default(workspace), run), method, subjects)
+    write_record_file(found, file)
+    print(f"{file}: {len(found)} records")
 
 
 @app.command()
@@ -173,6 +186,16 @@ def page(
 ) -> None:
     """Write a leaderboard as a page of files that opens without a network."""
     print(write_board_page(board, folder, title))
+
+
+def _chosen(store: RunStore, method: str, subjects: str) -> list[Record]:
+    """The records of a run that options name; all, where they name none."""
+    chosen = split_names(subjects)
+    return [
+        record
+        for record in in_order(store.records(), split_names(method))
+        if not chosen or record.subject in chosen
+    ]
 
 
 def _print(found: Verification) -> None:
