@@ -9,7 +9,14 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex
-from methods.closed.lattices import Lattice, contoured, evened, lattice_around, signed_distance
+from methods.closed.lattices import (
+    Lattice,
+    contoured,
+    evened,
+    lattice_around,
+    signed_distance,
+    way_to_others,
+)
 
 __all__ = ["Hollows", "hollows_of"]
 
@@ -53,12 +60,10 @@ class Hollows:
 
         Vertices beside the filled ones lie on the solid's own surface.
         """
-        from scipy.ndimage import distance_transform_edt
-
         step_m = self.lattice.step_m
         added = np.concatenate([[False], chosen])[self.number]
         # Half a step: the surface is between the last point inside and the first outside.
-        inside_m = distance_transform_edt(added | (self.depth_m > 0)) * step_m - 0.5 * step_m
+        inside_m = way_to_others(added | (self.depth_m > 0), step_m) - np.float32(0.5 * step_m)
         most_m, least_m = _EXACT_STEPS * step_m, 0.25 * step_m
         field = np.where(added, np.clip(inside_m, least_m, most_m), self.depth_m)
         mesh = evened(contoured(self.lattice, field.astype(np.float32), "filled surface"))
@@ -76,21 +81,19 @@ def hollows_of(mesh: Mesh, radius_m: float, step_m: float, least_m3: float) -> H
         step_m: Between points of the lattice.
         least_m3: Smaller hollows are left out.
     """
-    from scipy.ndimage import distance_transform_edt, label
+    from scipy.ndimage import label
 
     margin_m = radius_m + _EXACT_STEPS * step_m
     lattice = lattice_around(mesh.bounds + np.array([[-margin_m], [margin_m]]), step_m)
     depth_m = signed_distance(mesh, lattice, _EXACT_STEPS * step_m)
     solid = depth_m > 0
-    outside_m = (distance_transform_edt(~solid) * step_m).astype(np.float32)
-    closed_m = distance_transform_edt(outside_m <= radius_m) * step_m - radius_m
+    outside_m = way_to_others(~solid, step_m)
+    closed_m = way_to_others(outside_m <= radius_m, step_m) - np.float32(radius_m)
     number, count = label((closed_m > _ROUGH_STEPS * step_m) & ~solid)
     points = np.bincount(number.ravel(), minlength=count + 1)[1:]
     large = points * step_m**3 >= least_m3
     renumbered = np.zeros(count + 1, dtype=np.int32)
     renumbered[1:][large] = np.arange(1, large.sum() + 1)
     number = renumbered[number]
-    below_m = distance_transform_edt(solid | (number > 0)) * step_m
-    return Hollows(
-        mesh, lattice, depth_m, number, int(large.sum()), outside_m, below_m.astype(np.float32)
-    )
+    below_m = way_to_others(solid | (number > 0), step_m)
+    return Hollows(mesh, lattice, depth_m, number, int(large.sum()), outside_m, below_m)

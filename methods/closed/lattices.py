@@ -29,6 +29,7 @@ __all__ = [
     "lattice_around",
     "remeshed",
     "signed_distance",
+    "way_to_others",
     "winding",
 ]
 
@@ -149,6 +150,27 @@ def _border(inside: Mask, cells: int) -> Mask:
     size = 2 * cells + 1
     grid = inside.astype(np.uint8)
     return np.asarray(maximum_filter(grid, size)) > np.asarray(minimum_filter(grid, size))
+
+
+def way_to_others(chosen: Mask, step_m: float) -> Singles:
+    """(X, Y, Z) distance of each chosen lattice point to the nearest other one, metres.
+
+    It is 0 at the others. Worked out plane by plane: SciPy's own distances take 60 bytes a point,
+    which is half a gigabyte around a person.
+
+    Args:
+        chosen: (X, Y, Z); at least one is not.
+        step_m: Between points.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(chosen, return_distances=False, return_indices=True)
+    way_m = np.empty(chosen.shape, dtype=np.float32)
+    second, third = np.ogrid[: chosen.shape[1], : chosen.shape[2]]
+    for first, plane in enumerate(np.moveaxis(np.asarray(nearest), 1, 0)):
+        squared = (plane[0] - first) ** 2 + (plane[1] - second) ** 2 + (plane[2] - third) ** 2
+        way_m[first] = np.sqrt(squared) * step_m
+    return way_m
 
 
 def contoured(lattice: Lattice, field: Singles, source: str) -> Mesh:

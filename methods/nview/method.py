@@ -28,6 +28,7 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
+from methods.body.models.choice import forget_body_models
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
@@ -253,6 +254,8 @@ class FusedMethod:
     def _person(self, capture: Capture, views: Sequence[FusionView], context: Context) -> _Person:
         if self.settings.body == "on":
             fit = self._fit.fit(capture, context)
+            # Memory is short when photos are matched, and the body is fitted once.
+            forget_body_models()
             return _Person(fit.skin, fit.body, hands_of(fit), fit.details())
         with context.stage("hull"):
             hull = start_surface(views, self.settings.voxel_m, None, self.settings.margin_m)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from harness.core.artifacts import Capture
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
+from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.process.shared_work import Sharing, Work, alone
 from harness.core.protocols import Context
 from harness.geometry.photo import open_photo
@@ -87,10 +88,13 @@ def pulled_to_photos(
     with context.stage("points"):
         points = agreed_points(start, capture, task, context.share)
         points = points.away_from(task.hands, settings.keep.hands_m)
+    # Threads leave much behind that they freed.
+    give_freed_memory_back()
     if settings.dents and settings.dents.radius_m:
         with context.stage("dents"):
             undented = without_dents(start, _stereo_views(capture, task), task, settings.dents)
             start, points = undented.start, joined((points, undented.points))
+        give_freed_memory_back()
     with context.stage("pull"):
         pulled = pull(start, points, settings.pulls, remeshed)
     mesh, rounds = pulled.mesh, pulled.rounds

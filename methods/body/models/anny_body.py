@@ -25,7 +25,7 @@ from methods.body.models.parts import body_part
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["AnnyBody"]
+__all__ = ["AnnyBody", "forget"]
 
 _ANNY_TO_WORLD = ANNY_TO_WORLD.astype(np.float32)
 _ARM = {"L": (0.7071, -0.7071, 0.0), "R": (-0.7071, -0.7071, 0.0)}
@@ -116,6 +116,12 @@ def _landmark_table() -> LandmarkTable:
     carriers = {landmark: bones.index(bone) for landmark, bone in _CARRIERS.items()}
     trust = dict.fromkeys(_KNUCKLES, _KNUCKLE_TRUST)
     return table(blends, carriers, ANNY_OFFSETS_MM, trust)
+
+
+def forget() -> None:
+    """Anny is read anew when it is next asked for."""
+    _model.cache_clear()
+    _landmark_table.cache_clear()
 
 
 class AnnyBody:

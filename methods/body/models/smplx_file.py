@@ -23,7 +23,7 @@ from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
 
 __all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "OWN", "PIXIES", "Spaces", "checked_model",
-           "load_model", "require_model"]  # fmt: skip
+           "forget", "load_model", "require_model"]  # fmt: skip
 
 _WHERE = (
     "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and run: "
@@ -124,6 +124,11 @@ def require_model(path: Path | None) -> Path:
 
 def _no_package() -> MissingPart:
     return MissingPart("the package smplx is not installed", hint="Run: pip install smplx==0.1.28")
+
+
+def forget() -> None:
+    """The model is read anew when it is next asked for."""
+    _loaded.cache_clear()
 
 
 @functools.lru_cache(maxsize=1)

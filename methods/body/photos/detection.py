@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -252,7 +253,10 @@ def _upright() -> Floats:
 def _detector() -> Any:
     """The detector, loaded once; in still-picture mode it remembers nothing of earlier pictures."""
     try:
-        import mediapipe
+        # In a thread of its own: where PortAudio is missing, MediaPipe keeps the exception, and an
+        # exception keeps all values of all functions that were being carried out in its thread.
+        with ThreadPoolExecutor(1) as importer:
+            mediapipe = importer.submit(_mediapipe).result()
     except ImportError as error:
         raise MissingPart(
             "landmarks are found with MediaPipe, which is not installed",
@@ -260,6 +264,12 @@ def _detector() -> Any:
         ) from error
     holistic = mediapipe.solutions.holistic.Holistic
     return holistic(static_image_mode=True, model_complexity=1)
+
+
+def _mediapipe() -> Any:
+    import mediapipe
+
+    return mediapipe
 
 
 def _forget_detector() -> None:

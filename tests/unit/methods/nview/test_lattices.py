@@ -14,6 +14,7 @@ from methods.closed.lattices import (
     lattice_around,
     remeshed,
     signed_distance,
+    way_to_others,
     winding,
 )
 
@@ -47,6 +48,15 @@ def test_distances_are_exact_near_the_surface(ball):
     points = lattice.points(np.argwhere(np.ones(lattice.shape, dtype=bool)))
     exact = RADIUS - np.linalg.norm(points, axis=1).reshape(lattice.shape)
     np.testing.assert_allclose(field, np.clip(exact, -0.03, 0.03), atol=5e-4)
+
+
+def test_the_way_to_two_points_is_that_to_the_nearer():
+    chosen = np.ones((12, 9, 7), dtype=bool)
+    others = np.array([[2, 3, 4], [10, 0, 6]])
+    chosen[tuple(others.T)] = False
+    indices = np.argwhere(np.ones_like(chosen))
+    exact = np.linalg.norm(indices[:, None] - others, axis=2).min(axis=1).reshape(chosen.shape)
+    np.testing.assert_allclose(way_to_others(chosen, 0.5), 0.5 * exact, rtol=1e-6)
 
 
 def test_parts_that_overlap_become_one(ball):
