@@ -23,7 +23,7 @@ from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
-from harness.core.process.freed_memory import give_freed_memory_back, keep_no_large_blocks
+from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
 from harness.geometry.images import save_png
@@ -186,7 +186,6 @@ class FusedMethod:
             MissingPart: the body model, MediaPipe, or a network is not installed.
         """
         settings = self.settings
-        keep_no_large_blocks()
         capture = even_choice(capture, settings.views)
         with context.stage("outlines"):
             outlines = checked_views(outline_views(capture, range(len(capture.cameras))))
