@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.records import Record
+from harness.core.units import Unit
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
 from reports.tables.table import Cell, Column, Interval, Row, Table
 
 __all__ = ["ViewPoint", "ViewSeries", "view_series", "views_table"]
 
-_VIEWS = Column("views", "Views", "Views", "", 0, ranked=False)
+_VIEWS = Column("views", "Views", "Views", Unit.none.value, 0, ranked=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from PIL import Image
 from harness.core.errors import HarnessError
 from harness.pipeline.run.store import RunStore
 from reports.figures.view_curves import view_curves
+from reports.formats.markdown import to_markdown
 from reports.statistics import bootstrap_ends
 from reports.tables.views import view_series, views_table
 
@@ -49,6 +50,7 @@ def test_rows_of_a_method_stand_together_by_number_of_views():
     assert [row.method for row in table.rows] == ["hull-4", "hull-16", "hull", "other"]
     assert [row.cells["views"].value for row in table.rows] == [4, 16, 32, 32]
     assert table.columns[0].id == "views"
+    assert "| Method | Views | Chamfer (mm)" in to_markdown(table)
     first, last = table.rows[0].cells["chamfer"].value, table.rows[2].cells["chamfer"].value
     assert last == pytest.approx(first / 4)
 
