@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats
-from harness.core.errors import MissingPart
 from methods.masks.network import imported_network
+from methods.parts.mediapipe_solutions import solutions
 
 __all__ = ["MaskMaker", "by_mediapipe", "mask_maker", "shows_others"]
 
@@ -156,11 +156,4 @@ def _everybody() -> Any:
 
 
 def _solutions() -> Any:
-    try:
-        import mediapipe
-    except ImportError as error:
-        raise MissingPart(
-            "masks are made with MediaPipe, which is not installed",
-            hint="Run: pip install mediapipe==0.10.21; or give masks with --masks FOLDER",
-        ) from error
-    return mediapipe.solutions
+    return solutions("masks are made", "or give masks with --masks FOLDER")

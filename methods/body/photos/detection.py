@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
-from harness.core.errors import MissingPart
 from harness.core.files.hashing import file_sha256
 from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.process.shared_work import Sharing, Work, alone
@@ -31,6 +29,7 @@ from harness.core.protocols import Part
 from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG
+from methods.parts.mediapipe_solutions import solutions
 
 __all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "combined", "detect", "part"]
 
@@ -252,24 +251,8 @@ def _upright() -> Floats:
 @functools.lru_cache(maxsize=1)
 def _detector() -> Any:
     """The detector, loaded once; in still-picture mode it remembers nothing of earlier pictures."""
-    try:
-        # In a thread of its own: where PortAudio is missing, MediaPipe keeps the exception, and an
-        # exception keeps all values of all functions that were being carried out in its thread.
-        with ThreadPoolExecutor(1) as importer:
-            mediapipe = importer.submit(_mediapipe).result()
-    except ImportError as error:
-        raise MissingPart(
-            "landmarks are found with MediaPipe, which is not installed",
-            hint="Run: pip install mediapipe==0.10.21",
-        ) from error
-    holistic = mediapipe.solutions.holistic.Holistic
+    holistic = solutions("landmarks are found").holistic.Holistic
     return holistic(static_image_mode=True, model_complexity=1)
-
-
-def _mediapipe() -> Any:
-    import mediapipe
-
-    return mediapipe
 
 
 def _forget_detector() -> None:

@@ -9,14 +9,14 @@ import pytest
 
 _CALLERS_VALUES = """
 import gc, weakref
-from methods.body.photos.detection import _detector
+from {module} import {loader}
 
 class Photo:
     pass
 
 def caller():
     photo = Photo()
-    _detector()
+    {loader}()
     return weakref.ref(photo)
 
 photo = caller()
@@ -38,8 +38,17 @@ print(held() is None)
 """
 
 
+def _callers_values(module: str, loader: str) -> str:
+    return _CALLERS_VALUES.format(module=module, loader=loader)
+
+
 @pytest.mark.parametrize(
-    ("program", "said"), [(_CALLERS_VALUES, ["True"]), (_MODEL, ["True", "True"])]
+    ("program", "said"),
+    [
+        (_callers_values("methods.body.photos.detection", "_detector"), ["True"]),
+        (_callers_values("harness.pipeline.importing.masks", "_network"), ["True"]),
+        (_MODEL, ["True", "True"]),
+    ],
 )
 def test_large_values_go_when_nobody_needs_them(program: str, said: list[str]) -> None:
     command = [sys.executable, "-c", program]

@@ -1,0 +1,39 @@
+"""MediaPipe, which finds landmarks and marks people (0.10.21, Apache-2.0, models in its wheel)."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from harness.core.errors import MissingPart
+
+__all__ = ["solutions"]
+
+
+def solutions(purpose: str, otherwise: str = "") -> Any:
+    """MediaPipe's module of solutions.
+
+    Args:
+        purpose: What it is needed for, as the beginning of a sentence: ``masks are made``.
+        otherwise: What to do instead of installing it, for the hint.
+
+    Raises:
+        MissingPart: MediaPipe is not installed.
+    """
+    try:
+        # In a thread of its own: where PortAudio is missing, MediaPipe keeps the exception, and an
+        # exception keeps all values of all functions that were being carried out in its thread.
+        with ThreadPoolExecutor(1) as importer:
+            mediapipe = importer.submit(_mediapipe).result()
+    except ImportError as error:
+        raise MissingPart(
+            f"{purpose} with MediaPipe, which is not installed",
+            hint="; ".join(filter(None, ["Run: pip install mediapipe==0.10.21", otherwise])),
+        ) from error
+    return mediapipe.solutions
+
+
+def _mediapipe() -> Any:
+    import mediapipe
+
+    return mediapipe
