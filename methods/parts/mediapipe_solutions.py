@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from harness.core.errors import MissingPart
 
-__all__ = ["solutions"]
+__all__ = ["solutions", "titled"]
+
+
+def titled(solution: str) -> str:
+    """A solution's name as records and captures have it, with the installed version if any."""
+    try:
+        return f"MediaPipe {solution} {version('mediapipe')}"
+    except PackageNotFoundError:
+        return f"MediaPipe {solution}"
 
 
 def solutions(purpose: str, otherwise: str = "") -> Any:

@@ -12,14 +12,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats
 from methods.masks.network import imported_network
-from methods.parts.mediapipe_solutions import solutions
+from methods.parts.mediapipe_solutions import solutions, titled
 
 __all__ = ["MaskMaker", "by_mediapipe", "mask_maker", "shows_others"]
 
@@ -75,10 +74,7 @@ def mask_maker(name: str = "") -> MaskMaker:
 
 def by_mediapipe() -> MaskMaker:
     """MediaPipe, which marks the most prominent person."""
-    try:
-        title = f"made with MediaPipe Pose {version('mediapipe')} and a guided filter"
-    except PackageNotFoundError:
-        title = "made with MediaPipe Pose and a guided filter"
+    title = f"made with {titled('Pose')} and a guided filter"
     return MaskMaker(title, _marked_by_mediapipe, chooses=True)
 
 

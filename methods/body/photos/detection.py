@@ -13,7 +13,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +28,7 @@ from harness.core.protocols import Part
 from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG
-from methods.parts.mediapipe_solutions import solutions
+from methods.parts.mediapipe_solutions import solutions, titled
 
 __all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "combined", "detect", "part"]
 
@@ -100,10 +99,7 @@ class Detections:
 
 def part() -> Part:
     """The detector as records name it."""
-    try:
-        return Part("landmarks", f"MediaPipe Holistic {version('mediapipe')}", "Apache-2.0")
-    except PackageNotFoundError:
-        return Part("landmarks", "MediaPipe Holistic", "Apache-2.0")
+    return Part("landmarks", titled("Holistic"), "Apache-2.0")
 
 
 def detect(capture: Capture, views: Sequence[int], share: Sharing = alone) -> Detections:

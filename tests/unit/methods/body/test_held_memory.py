@@ -9,14 +9,14 @@ import pytest
 
 _CALLERS_VALUES = """
 import gc, weakref
-from {module} import {loader}
+from %s import %s as load
 
 class Photo:
     pass
 
 def caller():
     photo = Photo()
-    {loader}()
+    load()
     return weakref.ref(photo)
 
 photo = caller()
@@ -38,15 +38,11 @@ print(held() is None)
 """
 
 
-def _callers_values(module: str, loader: str) -> str:
-    return _CALLERS_VALUES.format(module=module, loader=loader)
-
-
 @pytest.mark.parametrize(
     ("program", "said"),
     [
-        (_callers_values("methods.body.photos.detection", "_detector"), ["True"]),
-        (_callers_values("harness.pipeline.importing.masks", "_network"), ["True"]),
+        (_CALLERS_VALUES % ("methods.body.photos.detection", "_detector"), ["True"]),
+        (_CALLERS_VALUES % ("harness.pipeline.importing.masks", "_network"), ["True"]),
         (_MODEL, ["True", "True"]),
     ],
 )
