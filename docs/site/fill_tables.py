@@ -29,7 +29,8 @@ ROOT = Path(__file__).resolve().parents[2]
 _PLACE = re.compile(
     r"^<!-- table: (?P<arguments>[^\n]+) -->\n.*?^<!-- end of table -->$", re.MULTILINE | re.DOTALL
 )
-_RECORDS = "--records"
+#: Options whose value is a file of records.
+_FILES = ("--records", "--before")
 
 
 def pages_with_tables(root: Path = ROOT) -> list[Path]:
@@ -53,9 +54,10 @@ def filled(text: str, root: Path = ROOT) -> str:
 
 def _table(arguments: str, root: Path) -> str:
     words = shlex.split(arguments)
-    if _RECORDS in words[:-1]:
-        where = words.index(_RECORDS) + 1
-        words[where] = str(root / words[where])
+    for option in _FILES:
+        if option in words[:-1]:
+            where = words.index(option) + 1
+            words[where] = str(root / words[where])
     found = CliRunner().invoke(app, ["report", *words])
     if found.exit_code:
         raise ValueError(f"harness report {arguments}: {found.exception or found.output}")

@@ -3,22 +3,27 @@
 Means of two methods share their subjects: a hard subject is hard for both, so that intervals of the
 means overlap long after the difference is certain. What one method costs or gains is the mean of
 the differences, and whether it is more than chance is asked of their signs.
+
+A method may also be compared with itself, as other records have it: with another network, say, or
+by an earlier version.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from statistics import fmean
 
+from harness.core.errors import HarnessError
 from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from harness.core.units import Unit
 from reports.statistics import sign_flip_p_value
 from reports.tables.geometry import GEOMETRY_METRICS, metric_column, metric_value
-from reports.tables.selection import Group, select
+from reports.tables.selection import Group, Selection, check_comparable, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 
-__all__ = ["LEVEL", "paired_table"]
+__all__ = ["LEVEL", "change_table", "paired_table"]
 
 #: A difference with a p-value above this may be chance.
 LEVEL = 0.05
@@ -50,7 +55,65 @@ def paired_table(
     """
     selection = select(records, methods, subjects)
     ranked = [group for group in selection.groups if group.competes]
-    found = {group.method: _differences(group, ranked[0]) for group in ranked[1:]}
+    title = f"Difference from {ranked[0].title}" if ranked else "Differences"
+    pairs = [(group, ranked[0]) for group in ranked[1:]]
+    remarks = [_NOT_PRINTED] if published else []
+    return _table(selection, pairs, title, interval, remarks)
+
+
+def change_table(
+    records: Sequence[Record],
+    before: Sequence[Record],
+    *,
+    methods: Sequence[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    interval: Interval | None = None,
+) -> Table:
+    """Each method minus itself in other records, mean over the subjects that both have.
+
+    Args:
+        records: Records of one run.
+        before: Those of another, of the same photos and by the same metric protocol; methods that
+            it does not have are left out, and a remark names them.
+        methods: Rows wanted, in this order; by default all that both have.
+        subjects: Subjects that count; all of the records' by default.
+        interval: Makes a confidence interval of the mean difference.
+
+    Raises:
+        HarnessError, ProtocolMismatch: as ``geometry_table``; also where records of both cannot be
+            compared.
+    """
+    known = {record.method_name for record in before}
+    asked = list(methods or dict.fromkeys(record.method_name for record in records))
+    both = [name for name in asked if name in known]
+    if not both:
+        raise HarnessError(
+            "the records before have none of these methods",
+            expected=", ".join(asked),
+            got=", ".join(sorted(known)) or "no record",
+        )
+    chosen = set(both)
+    check_comparable([each for each in (*records, *before) if each.method_name in chosen])
+    selection = select(records, both, subjects)
+    earlier = {group.method: group for group in select(before, both, selection.subjects).groups}
+    pairs = [
+        (group, replace(earlier[group.method], title=f"{group.title}, before"))
+        for group in selection.groups
+    ]
+    without = [name for name in asked if name not in known]
+    remarks = [f"Not in the records before: {', '.join(without)}"] if without else []
+    return _table(selection, pairs, "Difference from the same method before", interval, remarks)
+
+
+def _table(
+    selection: Selection,
+    pairs: Sequence[tuple[Group, Group]],
+    title: str,
+    interval: Interval | None,
+    remarks: Sequence[str],
+) -> Table:
+    """The table of each group minus the other of its pair."""
+    found = {group.method: _differences(group, reference) for group, reference in pairs}
     p_values = _adjusted(
         {
             (method, metric): sign_flip_p_value(values)
@@ -59,13 +122,13 @@ def paired_table(
         }
     )
     rows = [
-        _row((group, ranked[0]), len(selection.subjects), found[group.method], p_values, interval)
-        for group in ranked[1:]
-        if found[group.method]
+        _row(pair, len(selection.subjects), found[pair[0].method], p_values, interval)
+        for pair in pairs
+        if found[pair[0].method]
     ]
     return Table(
         name="paired",
-        title=f"Difference from {ranked[0].title}" if ranked else "Differences",
+        title=title,
         dataset=selection.dataset,
         recipe=selection.recipe,
         protocol=selection.protocol,
@@ -74,7 +137,7 @@ def paired_table(
         rows=tuple(rows),
         remarks=(
             *selection.remarks,
-            *([_NOT_PRINTED] if published else []),
+            *remarks,
             *(_reading(rows) if rows else ["No two methods have numbers on one subject"]),
         ),
     )
@@ -123,9 +186,16 @@ def _row(
         of=of,
         cells=cells,
         # A line of CSV has no caption to say it.
-        notes=(f"Minus {reference.title}", *group.notes),
+        notes=(f"Minus {reference.title}", *group.notes, *_other_notes(group, reference)),
         privileges=group.privileges,
     )
+
+
+def _other_notes(group: Group, reference: Group) -> list[str]:
+    """What is true of the same method before, and not of it now."""
+    if group.method != reference.method:
+        return []
+    return [f"Before: {note}" for note in reference.notes if note not in group.notes]
 
 
 def _columns(metric: str) -> tuple[Column, Column]:

@@ -20,13 +20,14 @@ from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 from reports.tables.jmbo import jmbo_table
 from reports.tables.normals import normals_table
-from reports.tables.paired import paired_table
+from reports.tables.paired import change_table, paired_table
 from reports.tables.regions import regions_table
 from reports.tables.table import Table
 from reports.tables.views import views_table
 
 __all__ = [
     "FORMATS",
+    "PAIRED_TABLE",
     "PHOTOS_TABLE",
     "PHOTO_ERRORS_TABLE",
     "PUBLISHED_TABLE",
@@ -49,10 +50,12 @@ PUBLISHED_TABLE = "published"
 #: Tables of figures that need no scan and are not in the records: these, and how they go with the
 #: errors that the scan gives.
 PHOTOS_TABLE, PHOTO_ERRORS_TABLE = "photos", "photo-errors"
+#: The table of differences, subject by subject.
+PAIRED_TABLE = "paired"
 #: Tables of a run by name.
 TABLES: Mapping[str, Callable[..., Table]] = {
     "geometry": geometry_table,
-    "paired": paired_table,
+    PAIRED_TABLE: paired_table,
     "cost": cost_table,
     "jmbo": jmbo_table,
     "regions": regions_table,
@@ -91,15 +94,38 @@ class ReportRequest:
     paired: bool = False
 
 
-def build_table(records: Sequence[Record], request: ReportRequest) -> str:
+def build_table(
+    records: Sequence[Record], request: ReportRequest, before: Sequence[Record] | None = None
+) -> str:
     """The table as text in the requested format.
 
+    Args:
+        records: Of one run.
+        request: What is asked for.
+        before: Records that ``PAIRED_TABLE`` compares each method of the run with.
+
     Raises:
-        HarnessError: an unknown table or format, or nothing to report.
+        HarnessError: an unknown table or format, or nothing to report; ``before`` with another
+            table.
         ProtocolMismatch: the records are not comparable.
     """
     write = writer_of(request.format)
-    return written(_table(records, request), write)
+    if before is None:
+        return written(_table(records, request), write)
+    if request.table != PAIRED_TABLE:
+        raise HarnessError(
+            "--before compares records in the paired table",
+            got=f"--table {request.table}",
+            hint=f"Use --table {PAIRED_TABLE}",
+        )
+    table = change_table(
+        records,
+        before,
+        methods=request.methods or _catalogue_order(records),
+        subjects=request.subjects,
+        interval=bootstrap_ends if request.interval else None,
+    )
+    return written(table, write)
 
 
 def build_published(request: ReportRequest) -> str:

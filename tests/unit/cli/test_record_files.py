@@ -68,3 +68,30 @@ def test_what_needs_a_run_is_refused(place: Path, options: list[str], named: str
 
     assert isinstance(found.exception, HarnessError)
     assert str(found.exception).startswith(f"--records cannot be combined with {named}")
+
+
+def test_a_run_is_compared_with_itself_before(place: Path) -> None:
+    file = f"{place / 'run.jsonl'}"
+    of_run = ["--run", "golden", "--workspace", f"{place}"]
+    options = ["--table", "paired", "--before", file, "--interval"]
+    found = report(*options, *of_run)
+
+    assert found == report(*options, "--records", file)
+    assert found.startswith("Difference from the same method before on ")
+    assert "| Visual hull, 8 views" in found
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--table", "geometry"], "--before compares records in the paired table"),
+        (["--table", "paired", "--figure", "overlay"], "--before cannot be combined with --figure"),
+        (["--table", "paired", "--page", "out"], "--before cannot be combined with --page"),
+    ],
+)
+def test_what_before_cannot_give_is_refused(place: Path, options: list[str], message: str) -> None:
+    before = ["--before", f"{place / 'run.jsonl'}", "--run", "golden", "--workspace", f"{place}"]
+    found = CliRunner().invoke(app, ["report", *before, *options])
+
+    assert isinstance(found.exception, HarnessError)
+    assert str(found.exception).startswith(message)

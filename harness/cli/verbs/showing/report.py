@@ -33,6 +33,7 @@ from harness.pipeline.report.photo_tables import (
 )
 from harness.pipeline.report.tables import (
     FORMATS,
+    PAIRED_TABLE,
     PUBLISHED_TABLE,
     TABLES,
     ReportRequest,
@@ -139,6 +140,16 @@ RecordFile = Annotated[
     ),
 ]
 
+Before = Annotated[
+    Path | None,
+    typer.Option(
+        "--before",
+        metavar="FILE",
+        help=f"With --table {PAIRED_TABLE}: compare each method with itself in this file of "
+        "'harness results records', such as with another network or of an earlier version.",
+    ),
+]
+
 
 @app.command()
 def report(
@@ -146,6 +157,7 @@ def report(
     form: Format = "markdown",
     run: Run = None,
     records: RecordFile = None,
+    before: Before = None,
     method: Methods = "",
     subjects: Subjects = "",
     interval: Interval = False,
@@ -164,6 +176,11 @@ def report(
     """Print a table of a run, draw a figure, or write a page."""
     place = Workspace.default(workspace)
     _refuse_with_records(records, run, table, figure, page)
+    if before is not None and (figure or page):
+        raise HarnessError(
+            f"--before cannot be combined with {'--figure' if figure else '--page'}",
+            expected=f"--table {PAIRED_TABLE}",
+        )
     if page is not None:
         wanted = PageRequest(
             store=RunStore.existing(place, run),
@@ -195,8 +212,10 @@ def report(
         published=published,
         paired=paired,
     )
-    if records is not None:
-        return deliver(build_table(read_record_file(records), request), output)
+    if records is not None or before is not None:
+        now = read_record_file(records) if records else RunStore.existing(place, run).records()
+        then = read_record_file(before) if before else None
+        return deliver(build_table(now, request, then), output)
     return deliver(_text(request, place, run, manifest, reason), output)
 
 

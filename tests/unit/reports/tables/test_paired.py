@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.privileges import Privilege
+from harness.core.protocols import Part
 from harness.core.records import CaptureStamp
 from harness.pipeline.run.store import RunStore
 from reports.tables.geometry import GEOMETRY_METRICS
-from reports.tables.paired import paired_table
+from reports.tables.paired import change_table, paired_table
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 TEMPLATE = next(record for record in RECORDS if record.method_name == "hull8")
@@ -94,3 +96,39 @@ def test_one_method_alone_has_nothing_to_be_compared_with():
     table = table_of(HARD)
     assert table.rows == ()
     assert table.remarks[-1] == "No two methods have numbers on one subject"
+
+
+def test_each_method_is_compared_with_itself_before():
+    old, new = (Part("normal estimator", name, "MIT") for name in ("old", "new"))
+    before = [*scored("one", [10.0, 20.0, 30.0, 40.0, 50.0, 60.0], parts=(old,)), *HARD]
+    after = [*scored("one", [8.0, 19.0, 28.0, 39.0, 48.0, 59.0], parts=(new,)), *HARD]
+    table = change_table(after, before, interval=lambda v: (min(v), max(v)))
+
+    assert table.title == "Difference from the same method before"
+    first, second = table.rows
+    assert (first.method, second.method) == ("one", "base")
+    chamfer = first.cells["chamfer"]
+    assert (chamfer.value, chamfer.low, chamfer.high) == (pytest.approx(-1.5), -2.0, -1.0)
+    assert first.cells["chamfer_lower_on"].value == 100
+    assert second.cells["chamfer"].value == 0.0
+    assert first.notes[0] == "Minus ONE, before"
+    assert "Before: Parts: normal estimator old (MIT)" in first.notes
+    assert "Parts: normal estimator new (MIT)" in first.notes
+    assert not [note for note in second.notes if note.startswith("Before: ")]
+
+
+def test_methods_that_are_new_are_named_and_left_out():
+    new = scored("new", [1.0] * 6)
+    table = change_table([*HARD, *new], HARD)
+
+    assert [row.method for row in table.rows] == ["base"]
+    assert "Not in the records before: new" in table.remarks
+    with pytest.raises(HarnessError, match="have none of these methods"):
+        change_table(new, HARD)
+
+
+def test_other_photos_are_not_compared_with_those_before():
+    photos = [replace(record, capture=CaptureStamp(key="0" * 16)) for record in HARD]
+    other = [replace(record, capture=CaptureStamp(key="1" * 16)) for record in HARD]
+    with pytest.raises(ProtocolMismatch, match="capture of a0"):
+        change_table(photos, other)
