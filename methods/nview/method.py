@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
@@ -30,11 +30,10 @@ from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.body.models.choice import forget_body_models
 from methods.body_fit import BodyFit
-from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
 from methods.nview.fusion import Fused, finished_surface, fused_surface, settled
-from methods.nview.settings import FusionSettings
+from methods.nview.rooms import FusedRooms
 from methods.nview.silhouettes import silhouette_fit
 from methods.nview.start import clothed, start_surface
 from methods.nview.targets import trust
@@ -49,16 +48,8 @@ from methods.nview.views import (
 from methods.photo_pull.pulled import PulledSurface, pulled_to_photos
 from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
 from methods.stages import Stages, contact_sheet
-from methods.stereo.settings import (
-    DentSettings,
-    KeepRules,
-    MatchSettings,
-    NarrowSettings,
-    StereoSettings,
-    near_settings,
-)
 
-__all__ = ["FusedMethod", "FusedRooms", "mexecon_plus"]
+__all__ = ["FusedMethod", "mexecon_plus"]
 
 #: Where a silhouette loses more than this share between start and end, a limb came off: a forearm
 #: is 2 to 4 % of a view. Fused surfaces of training subjects lose 0.3 to 0.8 %.
@@ -82,33 +73,6 @@ class _Person:
     body: Body | None
     hands: Floats
     details: Mapping[str, object]
-
-
-@dataclass(frozen=True, slots=True)
-class FusedRooms:
-    """All settings of the method, by room.
-
-    Attributes:
-        body: How the body is fitted.
-        nview: How normals are estimated and the surface is made of them.
-        match: How photos are matched around that surface, which is as often inside as outside.
-        keep: Which points of it are kept.
-        narrow: The search that finishes.
-        dents: Which hollows of that surface photos are asked about.
-    """
-
-    body: FitSettings = JMBO_PLUS
-    nview: FusionSettings = field(default_factory=FusionSettings)
-    match: MatchSettings = field(default_factory=lambda: near_settings().match)
-    keep: KeepRules = field(default_factory=KeepRules)
-    narrow: NarrowSettings = field(default_factory=NarrowSettings)
-    dents: DentSettings = field(default_factory=DentSettings)
-
-    @property
-    def stereo(self) -> StereoSettings:
-        """Those of photo-consistency."""
-        near = near_settings()
-        return replace(near, match=self.match, keep=self.keep, narrow=self.narrow, dents=self.dents)
 
 
 class FusedMethod:
@@ -202,6 +166,7 @@ class FusedMethod:
         mesh, details = fused.mesh, {**person.details, "fusion": fused.details()}
         if settings.photos == "on":
             pulled = self._pulled(fused.mesh, capture, person, context)
+            views = _corrected(views, pulled)
             with context.stage("finish"):
                 mesh = finished_surface(settled(pulled.mesh, views, settings), views, settings)
             details["photos"] = pulled.details()
@@ -279,6 +244,13 @@ class FusedMethod:
             if view.index in (0, len(views) // 2):
                 shown.append(maps)
         return given, shown
+
+
+def _corrected(views: Sequence[FusionView], pulled: PulledSurface) -> Sequence[FusionView]:
+    """The views with their cameras where the photos have them."""
+    if pulled.shifts is None or not pulled.shifts.is_used:
+        return views
+    return [view.shifted(by) for view, by in zip(views, pulled.shifts.used_px, strict=True)]
 
 
 def _targets(maps: ViewMaps, trusted_deg: float) -> NormalTargets:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import Capture
+from harness.core.cameras.camera import Camera
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.freed_memory import give_freed_memory_back
@@ -20,6 +22,7 @@ from methods.closed.lattices import remeshed
 from methods.photo_pull.task import StereoTask
 
 if TYPE_CHECKING:
+    from methods.photo_pull.camera_shifts import CameraShifts
     from methods.photo_pull.dents import Undented
     from methods.stereo.consistency import StereoPoints
     from methods.stereo.pull import RoundReport
@@ -38,6 +41,7 @@ class PulledSurface:
         points: How many points the photos agree on.
         rounds: What each round did.
         undented: What became of the start's dents, if they were asked about.
+        shifts: By how much the cameras were off, if that was asked.
     """
 
     mesh: Mesh
@@ -45,10 +49,12 @@ class PulledSurface:
     points: int
     rounds: tuple[RoundReport, ...]
     undented: Undented | None = None
+    shifts: CameraShifts | None = None
 
     def details(self) -> dict[str, object]:
         """Plain JSON values for a record's reader."""
         return {
+            **({"cameras": self.shifts.details()} if self.shifts else {}),
             **({"dents": self.undented.details()} if self.undented else {}),
             "points": self.points,
             "rounds": [
@@ -78,13 +84,21 @@ def pulled_to_photos(
         MethodError: a photo that does not fit its camera or shows nothing of the subject.
     """
     # Not at the top: Warp takes a second to start, and methods are listed without it.
+    from methods.photo_pull.camera_shifts import camera_shifts
     from methods.photo_pull.dents import without_dents
     from methods.stereo.consistency import joined
     from methods.stereo.pull import pull
     from methods.stereo.surface import finished
 
     settings = task.settings
-    undented = None
+    undented = shifts = None
+    if settings.cameras and settings.cameras.least_px:
+        with context.stage("cameras"):
+            views = _stereo_views(capture, task)
+            shifts = camera_shifts(start, views, settings.narrow, settings.cameras)
+            capture = replace(capture, cameras=_corrected(capture.cameras, task.views, shifts))
+            del views
+        give_freed_memory_back()
     with context.stage("points"):
         points = agreed_points(start, capture, task, context.share)
         points = points.away_from(task.hands, settings.keep.hands_m)
@@ -103,7 +117,7 @@ def pulled_to_photos(
             # Read anew: in full resolution the photos take as much memory as the pull does.
             finish = finished(mesh, _stereo_views(capture, task), settings)
             mesh, rounds = finish.mesh, (*rounds, *finish.rounds)
-    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds), undented)
+    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds), undented, shifts)
 
 
 def agreed_points(
@@ -147,6 +161,16 @@ def agreed_points(
             ),
         )
     )
+
+
+def _corrected(
+    cameras: Sequence[Camera], views: Sequence[int], shifts: CameraShifts
+) -> tuple[Camera, ...]:
+    """All cameras of a capture, those of some views where their photos have them."""
+    found = list(cameras)
+    for view, pixels in zip(views, shifts.used_px, strict=True):
+        found[view] = found[view].shifted(*pixels)
+    return tuple(found)
 
 
 def _arrays(points: StereoPoints) -> dict[str, NDArray[Any]]:

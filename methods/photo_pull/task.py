@@ -40,9 +40,11 @@ def hands_of(fitted: BodyFitResult) -> Floats:
 def stereo_parameters(settings: StereoSettings) -> dict[str, dict[str, object]]:
     """The settings by room, as methods state them.
 
-    ``match``, ``keep``, ``narrow`` and ``pulls``, and ``dents`` where these are filled.
+    ``match``, ``keep``, ``narrow`` and ``pulls``, and ``dents`` and ``cameras`` where these are
+    filled and corrected.
     """
-    names = ("match", "keep", "narrow", *(("dents",) if settings.dents else ()))
+    more = [name for name in ("dents", "cameras") if getattr(settings, name)]
+    names = ("match", "keep", "narrow", *more)
     rooms: dict[str, dict[str, object]] = {name: asdict(getattr(settings, name)) for name in names}
     rounds: dict[str, object] = {
         f"round_{number}": asdict(each) for number, each in enumerate(settings.pulls, start=1)

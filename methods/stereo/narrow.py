@@ -22,7 +22,15 @@ from methods.stereo.pull import RoundReport, round_report
 from methods.stereo.settings import NarrowSettings
 from methods.stereo.views import OUTSIDE, Contrast
 
-__all__ = ["narrowed"]
+__all__ = [
+    "PairOffsets",
+    "correlation_curves",
+    "narrowed",
+    "outward",
+    "pair_offsets",
+    "seen_by_pairs",
+    "sure_peaks",
+]
 
 
 _SMOOTHINGS = 4
@@ -41,11 +49,18 @@ _LEAST_CONTRAST = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
-    """What each vertex' two best pairs of views say: (V, 2) offsets, NaN where nothing, and the
-    correlation at their peaks.
+class PairOffsets:
+    """What the pairs of views say that see each point of a surface best.
+
+    Attributes:
+        pair: (V, 2) numbers of the pairs, the better one first; a point that fewer see has numbers
+            that say nothing.
+        offsets: (V, 2) how far along its direction the photos of a pair match best, metres; NaN
+            where a pair says nothing.
+        correlation: (V, 2) there.
     """
 
+    pair: Ints
     offsets: Floats
     correlation: Floats
 
@@ -67,8 +82,11 @@ def narrowed(
         pixel_m: What a pixel of the photos spans of the subject.
     """
     around = Neighbourhood(mesh)
-    directions = around.smooth_normals(_SMOOTHINGS)
-    asked = _asked(mesh, directions, photos, pairs, (settings, pixel_m))
+    directions = outward(around)
+    places = mesh.vertices, directions
+    cameras = [photo.camera for photo in photos]
+    quality = seen_by_pairs(Raycaster(mesh), places, cameras, pairs, settings.facing)
+    asked = pair_offsets(places, quality, photos, pairs, (settings, pixel_m))
     first, second = asked.offsets.T
     believed = agreement(first, second, around)
     contradict = np.abs(first - second) > settings.agree_m
@@ -84,18 +102,31 @@ def narrowed(
     return moved, round_report(known, believed, motion)
 
 
-def _asked(
-    mesh: Mesh,
-    directions: Floats,
+def outward(around: Neighbourhood) -> Floats:
+    """(V, 3) unit directions along which a mesh is searched."""
+    return around.smooth_normals(_SMOOTHINGS)
+
+
+def pair_offsets(
+    places: tuple[Floats, Floats],
+    quality: Floats,
     photos: Sequence[Contrast],
     pairs: Sequence[tuple[int, int]],
     how: tuple[NarrowSettings, float],
-) -> _Asked:
+) -> PairOffsets:
+    """What the two pairs say that see each point best.
+
+    Args:
+        places: (V, 3) points, world metres, and (V, 3) unit directions to search along.
+        quality: (V, P) of ``seen_by_pairs``.
+        photos: Photos of all views.
+        pairs: The views that are matched with each other.
+        how: The settings, and what a pixel of the photos spans of the subject, metres.
+    """
+    points, directions = places
     settings, pixel_m = how
-    count = len(mesh.vertices)
-    quality = _quality(mesh, directions, [photo.camera for photo in photos], pairs, settings.facing)
     best = np.argsort(-quality, axis=1, kind="stable")[:, :_ASKED]
-    offsets, correlation = np.full((count, _ASKED), np.nan), np.zeros((count, _ASKED))
+    offsets, correlation = np.full((len(points), _ASKED), np.nan), np.zeros((len(points), _ASKED))
 
     def ask(number: int) -> None:
         # Each pair writes into places of its own.
@@ -103,35 +134,43 @@ def _asked(
         for place in range(best.shape[1]):
             rows = np.flatnonzero((best[:, place] == number) & (quality[:, number] > 0))
             if len(rows):
-                curve = _curves(mesh.vertices[rows], directions[rows], two, settings, pixel_m)
-                found, peak, sure = _peaks(curve, settings)
+                curve = correlation_curves(points[rows], directions[rows], two, settings, pixel_m)
+                found, peak, sure = sure_peaks(curve, settings)
                 offsets[rows[sure], place] = found[sure]
                 correlation[rows[sure], place] = peak[sure]
 
     on_all_cores(ask, range(len(pairs)))
-    return _Asked(offsets, correlation)
+    return PairOffsets(best, offsets, correlation)
 
 
-def _quality(
-    mesh: Mesh,
-    directions: Floats,
+def seen_by_pairs(
+    surface: Raycaster,
+    places: tuple[Floats, Floats],
     cameras: Sequence[Camera],
     pairs: Sequence[tuple[int, int]],
     facing: float,
 ) -> Floats:
-    """(V, P) the lesser cosine at which a pair of views sees each vertex; 0 where one does not."""
-    caster = Raycaster(mesh)
-    seen = np.zeros((len(mesh.vertices), len(cameras)))
+    """(V, P) the lesser cosine at which a pair of views sees each point; 0 where one does not.
+
+    Args:
+        surface: What may hide a point.
+        places: (V, 3) points of it, world metres, and (V, 3) unit directions out of it.
+        cameras: Of all views.
+        pairs: The views that are matched with each other.
+        facing: Least cosine.
+    """
+    points, directions = places
+    seen = np.zeros((len(points), len(cameras)))
     for view, camera in enumerate(cameras):
-        toward = camera.position - mesh.vertices
+        toward = camera.position - points
         toward /= np.linalg.norm(toward, axis=1, keepdims=True)
         cosine = np.einsum("ij,ij->i", toward, directions)
         rows = np.flatnonzero(cosine > facing)
-        origins = mesh.vertices[rows] + _LIFT_M * directions[rows]
-        free = ~caster.blocked(origins, toward[rows])
+        origins = points[rows] + _LIFT_M * directions[rows]
+        free = ~surface.blocked(origins, toward[rows])
         seen[rows[free], view] = cosine[rows[free]]
     both: list[Floats] = [np.minimum(seen[:, a], seen[:, b]) for a, b in pairs]
-    return np.stack(both, axis=1) if both else np.zeros((len(mesh.vertices), 0))
+    return np.stack(both, axis=1) if both else np.zeros((len(points), 0))
 
 
 def _offsets(settings: NarrowSettings) -> Floats:
@@ -139,7 +178,7 @@ def _offsets(settings: NarrowSettings) -> Floats:
     return settings.step_m * np.arange(-steps, steps + 1)
 
 
-def _curves(
+def correlation_curves(
     points: Floats,
     normals: Floats,
     two: tuple[Contrast, Contrast],
@@ -168,7 +207,7 @@ def _curves(
     return curve.numpy()
 
 
-def _peaks(curve: Singles, settings: NarrowSettings) -> tuple[Floats, Floats, Mask]:
+def sure_peaks(curve: Singles, settings: NarrowSettings) -> tuple[Floats, Floats, Mask]:
     """(N,) offset of the best correlation between steps, the correlation, and whether it is sure:
     high, away from the ends, and clear of every other peak.
     """

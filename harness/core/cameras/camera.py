@@ -150,6 +150,11 @@ class Camera:
         shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])
         return replace(self, K=shift @ self.K, width=width, height=height)
 
+    def shifted(self, right_px: float, down_px: float) -> Camera:
+        """The camera of a picture that shows everything further to the right and down."""
+        shift = np.array([[1.0, 0.0, right_px], [0.0, 1.0, down_px], [0.0, 0.0, 1.0]])
+        return replace(self, K=shift @ self.K)
+
     def turned(self, rotation_camera: ArrayLike) -> Camera:
         """The camera turned about its optical centre by a (3, 3) rotation in its own axes."""
         turn = np.eye(4)

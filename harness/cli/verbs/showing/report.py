@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -176,11 +177,7 @@ def report(
     """Print a table of a run, draw a figure, or write a page."""
     place = Workspace.default(workspace)
     _refuse_with_records(records, run, table, figure, page)
-    if before is not None and (figure or page):
-        raise HarnessError(
-            f"--before cannot be combined with {'--figure' if figure else '--page'}",
-            expected=f"--table {PAIRED_TABLE}",
-        )
+    _refuse_with_before(before, figure, page)
     if page is not None:
         wanted = PageRequest(
             store=RunStore.existing(place, run),
@@ -212,11 +209,16 @@ def report(
         published=published,
         paired=paired,
     )
-    if records is not None or before is not None:
-        now = read_record_file(records) if records else RunStore.existing(place, run).records()
-        then = read_record_file(before) if before else None
-        return deliver(build_table(now, request, then), output)
-    return deliver(_text(request, place, run, manifest, reason), output)
+    compared = _Compared(records, before)
+    return deliver(_text(request, place, run, compared, manifest, reason), output)
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """Files of records: the table's, instead of a run, and those that it is compared with."""
+
+    now: Path | None
+    before: Path | None
 
 
 def _refuse_with_records(
@@ -237,10 +239,29 @@ def _refuse_with_records(
         )
 
 
+def _refuse_with_before(before: Path | None, figure: str, page: Path | None) -> None:
+    """Refuse pictures of a comparison with other records."""
+    if before is not None and (figure or page):
+        raise HarnessError(
+            f"--before cannot be combined with {'--figure' if figure else '--page'}",
+            expected=f"--table {PAIRED_TABLE}",
+        )
+
+
 def _text(
-    request: ReportRequest, place: Workspace, run: str | None, manifest: Path | None, reason: str
+    request: ReportRequest,
+    place: Workspace,
+    run: str | None,
+    files: _Compared,
+    manifest: Path | None,
+    reason: str,
 ) -> str:
     """The table that was asked for."""
+    if files.now is not None or files.before is not None:
+        given = files.now
+        now = read_record_file(given) if given else RunStore.existing(place, run).records()
+        before = read_record_file(files.before) if files.before else None
+        return build_table(now, request, before)
     if request.table == PUBLISHED_TABLE:
         return build_published(request)
     store = RunStore.existing(place, run)
