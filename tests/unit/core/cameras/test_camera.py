@@ -39,6 +39,14 @@ def test_a_known_point_lands_on_a_known_pixel() -> None:
     assert depth.tolist() == [2.0]
 
 
+def test_a_shifted_photo_shows_everything_further_on() -> None:
+    shifted = camera().shifted(1.5, -2.0)
+    pixels, _ = shifted.project([[0.1, -0.2, 2.0]])
+
+    np.testing.assert_allclose(pixels, [[37 + 1.5, 14 - 2.0]])
+    assert shifted.size == camera().size
+
+
 def test_a_point_behind_the_camera_has_a_depth_but_no_pixel() -> None:
     pixels, depth = camera().project([[0, 0, -1.0], [0, 0, 0.0], [0, 0, 1.0]])
 
