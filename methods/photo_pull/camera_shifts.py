@@ -107,10 +107,9 @@ def camera_shifts(
     asked = _Asked.of(mesh, [photo.camera for photo in photos], search, settings.points)
     found = np.zeros((len(photos), 2))
     passes: list[Shifts] = []
-    told = 0
     for number in range(settings.passes):
         across_px = settings.across_later_px if number else settings.across_px
-        step, told = asked.shifts(photos, across_px)
+        step = asked.shifts(photos, across_px)
         if step is None:
             break
         passes.append(step)
@@ -126,7 +125,7 @@ def camera_shifts(
         return CameraShifts(pixels, 0, np.nan, np.nan, is_used=False)
     before_m, after_m = passes[0].before_m, passes[-1].after_m
     is_used = _rms(pixels) > settings.least_px and after_m < settings.gain * before_m
-    return CameraShifts(pixels, told, before_m, after_m, is_used)
+    return CameraShifts(pixels, passes[-1].points, before_m, after_m, is_used)
 
 
 def _rms(pixels: Floats) -> float:
@@ -162,10 +161,10 @@ class _Asked:
         quality = seen_by_pairs(Raycaster(mesh), places, cameras, found, search.facing)
         return cls(*places, quality, found, search, pixel_span_m(cameras, centre))
 
-    def shifts(self, photos: Sequence[Contrast], across_px: int) -> tuple[Shifts | None, int]:
-        """The shifts that the photos tell, None if too few points do, and how many points do."""
+    def shifts(self, photos: Sequence[Contrast], across_px: int) -> Shifts | None:
+        """The shifts that the photos tell; None if too few points do."""
         if len(self.pairs) < 2:
-            return None, 0
+            return None
         said = pair_offsets(
             (self.points, self.directions),
             self.quality,
@@ -175,7 +174,7 @@ class _Asked:
         )
         both = np.flatnonzero(np.isfinite(said.offsets).all(axis=1))
         if len(both) < _LEAST_POINTS:
-            return None, 0
+            return None
         told = Contradictions(
             self.points[both],
             self.directions[both],
@@ -189,7 +188,7 @@ class _Asked:
 
         across = [each for each in on_all_cores(moved, range(len(self.pairs))) if each]
         cameras = [photo.camera for photo in photos]
-        return solved_shifts(cameras, self.pairs, told, across), len(both)
+        return solved_shifts(cameras, self.pairs, told, across)
 
     def _across(
         self, number: int, photos: Sequence[Contrast], said: PairOffsets, most_px: int

@@ -82,10 +82,12 @@ class Shifts:
 
     Attributes:
         pixels: (C, 2) by how much each photo lies right of and below where its camera has it.
+        points: How many points told them.
         before_m, after_m: Median contradiction of two pairs without and with these shifts, metres.
     """
 
     pixels: Floats
+    points: int
     before_m: float
     after_m: float
 
@@ -126,6 +128,7 @@ def solved_shifts(
         shifts = np.linalg.solve(matrix, right)
     return Shifts(
         shifts.reshape(-1, 2),
+        len(told.points),
         float(np.median(np.abs(wanted))),
         float(np.median(np.abs(wanted - rows @ shifts))),
     )

@@ -68,6 +68,7 @@ def change_table(
     methods: Sequence[str] | None = None,
     subjects: Sequence[str] | None = None,
     interval: Interval | None = None,
+    published: bool = False,
 ) -> Table:
     """Each method minus itself in other records, mean over the subjects that both have.
 
@@ -78,6 +79,7 @@ def change_table(
         methods: Rows wanted, in this order; by default all that both have.
         subjects: Subjects that count; all of the records' by default.
         interval: Makes a confidence interval of the mean difference.
+        published: Says that the paper prints no such numbers.
 
     Raises:
         HarnessError, ProtocolMismatch: as ``geometry_table``; also where records of both cannot be
@@ -92,16 +94,21 @@ def change_table(
             expected=", ".join(asked),
             got=", ".join(sorted(known)) or "no record",
         )
-    chosen = set(both)
-    check_comparable([each for each in (*records, *before) if each.method_name in chosen])
     selection = select(records, both, subjects)
-    earlier = {group.method: group for group in select(before, both, selection.subjects).groups}
+    earlier = select(before, both, selection.subjects)
+    check_comparable(
+        [each for of in (selection, earlier) for group in of.groups for each in group.ok]
+    )
+    # Both have the methods in one order.
     pairs = [
-        (group, replace(earlier[group.method], title=f"{group.title}, before"))
-        for group in selection.groups
+        (group, replace(other, title=f"{group.title}, before"))
+        for group, other in zip(selection.groups, earlier.groups, strict=True)
     ]
     without = [name for name in asked if name not in known]
-    remarks = [f"Not in the records before: {', '.join(without)}"] if without else []
+    remarks = [
+        *([_NOT_PRINTED] if published else []),
+        *([f"Not in the records before: {', '.join(without)}"] if without else []),
+    ]
     return _table(selection, pairs, "Difference from the same method before", interval, remarks)
 
 

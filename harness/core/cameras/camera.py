@@ -147,8 +147,7 @@ class Camera:
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """The camera of a window of the picture; the window may reach outside it."""
-        shift = np.array([[1.0, 0.0, -left], [0.0, 1.0, -top], [0.0, 0.0, 1.0]])
-        return replace(self, K=shift @ self.K, width=width, height=height)
+        return replace(self.shifted(-left, -top), width=width, height=height)
 
     def shifted(self, right_px: float, down_px: float) -> Camera:
         """The camera of a picture that shows everything further to the right and down."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,22 +111,7 @@ def build_table(
         ProtocolMismatch: the records are not comparable.
     """
     write = writer_of(request.format)
-    if before is None:
-        return written(_table(records, request), write)
-    if request.table != PAIRED_TABLE:
-        raise HarnessError(
-            "--before compares records in the paired table",
-            got=f"--table {request.table}",
-            hint=f"Use --table {PAIRED_TABLE}",
-        )
-    table = change_table(
-        records,
-        before,
-        methods=request.methods or _catalogue_order(records),
-        subjects=request.subjects,
-        interval=bootstrap_ends if request.interval else None,
-    )
-    return written(table, write)
+    return written(_table(records, request, before), write)
 
 
 def build_published(request: ReportRequest) -> str:
@@ -200,7 +186,9 @@ def every_table(
     return tuple(table for table in made if table.rows)
 
 
-def _table(records: Sequence[Record], request: ReportRequest) -> Table:
+def _table(
+    records: Sequence[Record], request: ReportRequest, before: Sequence[Record] | None = None
+) -> Table:
     if request.table not in TABLES:
         hint = did_you_mean(
             request.table, [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, PUBLISHED_TABLE]
@@ -212,7 +200,16 @@ def _table(records: Sequence[Record], request: ReportRequest) -> Table:
             got=f"--table {request.table}",
             hint=f"Use --table paired for a run, or --table {PUBLISHED_TABLE} --paired",
         )
-    return TABLES[request.table](
+    make = TABLES[request.table]
+    if before is not None:
+        if request.table != PAIRED_TABLE:
+            raise HarnessError(
+                "--before compares records in the paired table",
+                got=f"--table {request.table}",
+                hint=f"Use --table {PAIRED_TABLE}",
+            )
+        make = functools.partial(change_table, before=before)
+    return make(
         records,
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -209,16 +208,7 @@ def report(
         published=published,
         paired=paired,
     )
-    compared = _Compared(records, before)
-    return deliver(_text(request, place, run, compared, manifest, reason), output)
-
-
-@dataclass(frozen=True, slots=True)
-class _Compared:
-    """Files of records: the table's, instead of a run, and those that it is compared with."""
-
-    now: Path | None
-    before: Path | None
+    return deliver(_text(request, place, run, records, before, manifest, reason), output)
 
 
 def _refuse_with_records(
@@ -252,16 +242,15 @@ def _text(
     request: ReportRequest,
     place: Workspace,
     run: str | None,
-    files: _Compared,
+    records: Path | None,
+    before: Path | None,
     manifest: Path | None,
     reason: str,
 ) -> str:
     """The table that was asked for."""
-    if files.now is not None or files.before is not None:
-        given = files.now
-        now = read_record_file(given) if given else RunStore.existing(place, run).records()
-        before = read_record_file(files.before) if files.before else None
-        return build_table(now, request, before)
+    if records is not None or before is not None:
+        now = read_record_file(records) if records else RunStore.existing(place, run).records()
+        return build_table(now, request, read_record_file(before) if before else None)
     if request.table == PUBLISHED_TABLE:
         return build_published(request)
     store = RunStore.existing(place, run)

@@ -10,9 +10,12 @@ import pytest
 from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
+from methods.photo_pull import camera_shifts as module
 from methods.photo_pull.camera_shifts import camera_shifts
+from methods.photo_pull.shift_system import Shifts
 from methods.stereo.settings import CameraSettings, NarrowSettings
 from methods.stereo.views import StereoView
+from tests.unit.methods.photo_pull.conftest import without_common_move
 from tests.unit.methods.stereo.conftest import CAMERAS, grain, photographs, plain
 
 NARROW = NarrowSettings()
@@ -33,25 +36,8 @@ def drawn(pixels: float, seed: int) -> Floats:
 
 def apart(found: Floats, true: Floats, mesh: Mesh) -> float:
     """Root mean square of what no common move of the subject explains, pixels."""
-    step = 1e-4
-    moves = np.stack(
-        [
-            np.concatenate(
-                [
-                    (c.project(mesh.vertices + step * axis)[0] - c.project(mesh.vertices)[0]).mean(
-                        axis=0
-                    )
-                    / step
-                    for c in CAMERAS
-                ]
-            )
-            for axis in np.eye(3)
-        ],
-        axis=1,
-    )
-    off = (found - true).ravel()
-    left = off - moves @ np.linalg.lstsq(moves, off, rcond=None)[0]
-    return float(np.sqrt((left.reshape(-1, 2) ** 2).sum(axis=1).mean()))
+    left = without_common_move(found - true, mesh.vertices, CAMERAS)
+    return float(np.sqrt((left**2).sum(axis=1).mean()))
 
 
 def test_exact_cameras_are_left_as_they_are(sphere, textured):
@@ -102,6 +88,18 @@ def test_views_without_neighbours_tell_nothing(sphere, textured):
 
     assert not found.is_used
     np.testing.assert_array_equal(found.pixels, np.zeros((2, 2)))
+
+
+def test_what_is_corrected_is_said_where_a_later_pass_finds_too_little(
+    sphere, textured, monkeypatch
+):
+    answers = iter([Shifts(np.ones((8, 2)), 300, 0.002, 0.0005), None])
+    monkeypatch.setattr(module._Asked, "shifts", lambda *_: next(answers))
+    found = camera_shifts(sphere, textured, NARROW, SETTINGS)
+
+    assert found.is_used
+    assert found.points == 300
+    assert found.details()["corrected"] is True
 
 
 def test_a_limit_that_makes_no_sense_is_refused():

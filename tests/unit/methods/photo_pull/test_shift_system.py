@@ -16,6 +16,7 @@ from methods.photo_pull.shift_system import (
     across_direction,
     solved_shifts,
 )
+from tests.unit.methods.photo_pull.conftest import without_common_move
 
 CAMERAS = RingRig(views=8).cameras(1080, 1920)
 PAIRS = [(view, (view + 1) % 8) for view in range(8)]
@@ -85,23 +86,6 @@ def contradictions(points: Floats, normals: Floats, shifts: Floats) -> Contradic
     return Contradictions(points, normals, pair, offsets, np.ones(len(points)))
 
 
-def without_common_move(shifts: Floats, points: Floats) -> Floats:
-    """What is left of shifts that no move of the subject explains."""
-    step = 1e-5
-    columns = [
-        np.concatenate(
-            [
-                (c.project(points + step * axis)[0] - c.project(points)[0]).mean(axis=0) / step
-                for c in CAMERAS
-            ]
-        )
-        for axis in np.eye(3)
-    ]
-    moves = np.stack(columns, axis=1)
-    common = np.linalg.lstsq(moves, shifts.ravel(), rcond=None)[0]
-    return shifts - (moves @ common).reshape(-1, 2)
-
-
 @pytest.mark.parametrize("pixels", [0.3, 1.0, 2.0])
 def test_shifts_sideways_are_found(pixels):
     normals = on_a_sphere(1500)
@@ -110,9 +94,11 @@ def test_shifts_sideways_are_found(pixels):
     told = contradictions(RADIUS * normals, normals, shifts)
     found = solved_shifts(CAMERAS, PAIRS, told, [])
 
-    wanted = without_common_move(shifts, RADIUS * normals)
+    wanted = without_common_move(shifts, RADIUS * normals, CAMERAS)
     np.testing.assert_allclose(
-        without_common_move(found.pixels, RADIUS * normals)[:, 0], wanted[:, 0], atol=0.15 * pixels
+        without_common_move(found.pixels, RADIUS * normals, CAMERAS)[:, 0],
+        wanted[:, 0],
+        atol=0.15 * pixels,
     )
     assert found.after_m < 0.15 * found.before_m
 
