@@ -17,7 +17,6 @@ from harness.data.manifest import load_manifest
 from harness.pipeline.conformance import conform as conforming
 from harness.pipeline.conformance import left_behind, trial_worker
 from harness.pipeline.conformance.conform import ConformRequest, conform
-from harness.pipeline.conformance.trial import MARK
 from harness.pipeline.conformance.verdict import CHECKS, Certificate
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
@@ -31,6 +30,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "voxel_carving"
 METHODS = """
 import itertools
 import os
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,7 +82,9 @@ def peeks(mesh, capture, context):
 
 
 def stays(mesh, capture, context):
-    os.spawnlp(os.P_NOWAIT, "sleep", "sleep", "60")
+    if os.fork() == 0:
+        time.sleep(60)
+        os._exit(0)
     return mesh
 
 
@@ -138,24 +140,23 @@ def tried(odd_world, tmp_path_factory, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(place), prepend=os.pathsep)
     monkeypatch.syspath_prepend(place)
     monkeypatch.delitem(sys.modules, "conform_methods", raising=False)
-    monkeypatch.setenv(MARK, "")
     monkeypatch.setattr(left_behind, "_PATIENCE_S", 1.0)
 
-    # Trials in this process: what is broken here needs none of its own.
-    monkeypatch.setattr(conforming, "run_worker", in_this_process)
-
     def certificate(name: str, memory_mib: float | None = None) -> Certificate:
+        if name != "b-leaves_nothing":
+            # The others need no process of their own to be broken.
+            monkeypatch.setattr(conforming, "run_worker", in_this_process)
         method = ChosenMethod.of(name, {})
         return conform(ConformRequest(source, method, memory_mib=memory_mib), Silent())
 
     return certificate
 
 
-def in_this_process(module: str, job: dict, *, timeout_s: float | None = None) -> dict:
+def in_this_process(module: str, job: dict, *, timeout_s: float | None, environment: dict) -> dict:
     """What a worker answers; the trial that is killed is carried out, and has no answer."""
     assert module == trial_worker.__name__
     answer = trial_worker.handle(json.loads(json.dumps(job)), lambda *_: None)
-    assert timeout_s is not None
+    assert list(environment) == [left_behind.MARK]
     if "/killed/" in job["folder"]:
         raise WorkerDied("it was killed")
     return answer

@@ -52,6 +52,7 @@ def run_worker(
     log: Path | None = None,
     progress: StepReport | None = None,
     timeout_s: float | None = None,
+    environment: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """The result of ``python -m module`` on a job.
 
@@ -64,6 +65,7 @@ def run_worker(
         log: Where its output is kept; a temporary file by default.
         progress: Called with (done, total) whenever the worker says so.
         timeout_s: The worker is ended after this time; None means no limit.
+        environment: Variables that it has besides this process's.
 
     Raises:
         HarnessError: the error that the worker raised, with its class.
@@ -84,6 +86,7 @@ def run_worker(
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
+                env={**os.environ, **(environment or {})},
                 # Ctrl-C is for the run, which ends its workers itself.
                 process_group=0,
             )

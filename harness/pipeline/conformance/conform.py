@@ -27,7 +27,7 @@ from harness.core.privileges import Privilege
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.protocols import MethodInfo
 from harness.pipeline.conformance.frame_checks import frame_checks
-from harness.pipeline.conformance.left_behind import ended, left_behind
+from harness.pipeline.conformance.left_behind import MARK, ended, left_behind
 from harness.pipeline.conformance.trial import Trial, TrialResult
 from harness.pipeline.conformance.verdict import CHECKS, Answer, Certificate, Check
 from harness.pipeline.inputs.captures import photograph
@@ -156,34 +156,38 @@ class _Run:
 
     def _tried(self, name: str, changes: _Changes) -> TrialResult | str:
         """A trial's result, or why there is no mesh."""
-        mark, trial = self._trial(name, changes)
         try:
-            values = run_worker(_WORKER, trial.to_dict(), timeout_s=self.request.timeout_s)
-            result = TrialResult.from_dict(values)
+            result = self._carried_out(name, changes, self.request.timeout_s)
         except HarnessError as error:
-            result = TrialResult(str(error))
+            return str(error)
+        return result.reason or result
+
+    def _carried_out(self, name: str, changes: _Changes, timeout_s: float | None) -> TrialResult:
+        trial, mark = self._trial(name, changes), uuid.uuid4().hex
+        try:
+            values = run_worker(
+                _WORKER, trial.to_dict(), timeout_s=timeout_s, environment={MARK: mark}
+            )
+            return TrialResult.from_dict(values)
         finally:
             self._look(name, mark)
             self.progress.done(_TRIALS)
-        return result.reason or result
 
-    def _trial(self, name: str, changes: _Changes) -> tuple[str, Trial]:
-        request, folder, mark = self.request, self.place / name, uuid.uuid4().hex
+    def _trial(self, name: str, changes: _Changes) -> Trial:
+        request, folder = self.request, self.place / name
         (folder / "made").mkdir(parents=True)
         photos = self.capture.directory
         if changes.renamed or changes.spoilt:
             photos = _changed_photos(self.capture, folder, request.method.info, changes)
         seed = request.seed if changes.seed is None else changes.seed
-        trial = Trial(
+        return Trial(
             source=request.source,
             method=request.method.name,
             settings=request.method.settings,
             capture=photos,
             seed=seed,
             folder=folder / "made",
-            mark=mark,
         )
-        return mark, trial
 
     def _look(self, name: str, mark: str) -> None:
         """Look for processes that a trial left."""
@@ -244,16 +248,13 @@ class _Run:
 
     def _killed(self, plain: TrialResult) -> None:
         """A trial that is killed in the middle."""
-        mark, trial = self._trial("killed", _Changes())
         half_s = plain.before_s + plain.wall_s / 2
         try:
-            run_worker(_WORKER, trial.to_dict(), timeout_s=half_s)
+            self._carried_out("killed", _Changes(), half_s)
         except WorkerDied:
             pass
         except HarnessError as error:
             self.progress.say(f"the trial that was to be killed: {error}")
-        self._look("killed", mark)
-        self.progress.done(_TRIALS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ import signal
 import time
 from pathlib import Path
 
-from harness.pipeline.conformance.trial import MARK
+__all__ = ["MARK", "ended", "left_behind"]
 
-__all__ = ["ended", "left_behind"]
+#: An environment variable that a trial's worker starts with, by which its processes are found:
+#: what it forks has it too, also before it runs another program.
+MARK = "CONFORM_TRIAL"
 
 #: How long a process may take to end after the one that started it.
 _PATIENCE_S = 5.0

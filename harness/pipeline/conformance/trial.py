@@ -10,10 +10,7 @@ from typing import Any
 from harness.core.formats.typed_json import from_json, to_json
 from harness.pipeline.inputs.sources import Source
 
-__all__ = ["MARK", "Trial", "TrialResult"]
-
-#: An environment variable by which a trial's processes are found; children inherit it.
-MARK = "CONFORM_TRIAL"
+__all__ = ["Trial", "TrialResult"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +24,6 @@ class Trial:
         capture: Folder of the photos that it is given.
         seed: What it is given as a seed.
         folder: Receives the mesh.
-        mark: The value of ``MARK`` in all its processes.
     """
 
     source: Source
@@ -36,7 +32,6 @@ class Trial:
     capture: Path
     seed: int
     folder: Path
-    mark: str
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -47,7 +42,6 @@ class Trial:
             "capture": str(self.capture),
             "seed": self.seed,
             "folder": str(self.folder),
-            "mark": self.mark,
         }
 
     @classmethod
@@ -60,7 +54,6 @@ class Trial:
             Path(values["capture"]),
             values["seed"],
             Path(values["folder"]),
-            values["mark"],
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import tempfile
 import time
 from pathlib import Path
@@ -18,7 +17,7 @@ from harness.core.mesh import Mesh
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import Context
-from harness.pipeline.conformance.trial import MARK, Trial, TrialResult
+from harness.pipeline.conformance.trial import Trial, TrialResult
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.run.cell import lent_to
@@ -35,7 +34,6 @@ def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noq
         HarnessError: photos or scan cannot be read, or the mesh cannot be written.
     """
     trial = Trial.from_dict(job)
-    os.environ[MARK] = trial.mark
     chosen = ChosenMethod.of(
         trial.method, trial.settings, added=AddedMethods.of(trial.source.workspace)
     )

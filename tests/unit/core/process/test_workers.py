@@ -33,6 +33,8 @@ def handle(job, progress):
     kind = job["kind"]
     if kind == "echo":
         return {"job": job, "pid": os.getpid(), "path": sys.path, "group": os.getpgrp()}
+    if kind == "variable":
+        return {"SAMPLE": os.environ["SAMPLE"], "inherits": "PATH" in os.environ}
     if kind == "progress":
         for done in range(1, 4):
             progress(done, 3)
@@ -102,6 +104,10 @@ def test_a_result_comes_back_from_another_process() -> None:
 
     assert result["job"] == {"kind": "echo", "n": 3}
     assert result["pid"] != os.getpid()
+
+
+def test_a_worker_starts_with_the_variables_given() -> None:
+    assert run("variable", environment={"SAMPLE": "here"}) == {"SAMPLE": "here", "inherits": True}
 
 
 def test_the_working_folder_is_not_on_the_workers_path(
