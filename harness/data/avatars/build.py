@@ -39,7 +39,6 @@ from harness.data.avatars.skin.bake import TEXTURE_SIZE, bake, face_labels, face
 from harness.data.avatars.skin.hair import grow_hair
 from harness.data.avatars.skin.paint import Appearance, painters, skin_masks
 from harness.data.avatars.stored import load_drape
-from harness.data.avatars.subjects.creased_people import CREASED_TRAINING_ID
 from harness.data.avatars.wrinkles.roll import COLLAR, HOOD, rumpled
 from harness.data.avatars.writer import TexturedMesh, write_avatar
 
@@ -211,7 +210,7 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
     body = deformed_body(recipe.phenotype, recipe.shape)
     posed = body.posed(joint_rotations(body, recipe.posture))
     # Cameras of training photos stand where the subject asks for it.
-    framed = CREASED_TRAINING_ID.fullmatch(recipe.id) is None
+    framed = not recipe.is_for_training
     if recipe.worn is not None and framed:
         # Before minutes are spent on clothes.
         check_frame(recipe.id, posed.vertices[:SKIN_VERTICES])

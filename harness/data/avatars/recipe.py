@@ -65,6 +65,11 @@ class AvatarRecipe:
         return POSES[self.pose] if self.drawn_pose is None else self.drawn_pose
 
     @property
+    def is_for_training(self) -> bool:
+        """Whether networks may be trained on the subject, and no table is made of it."""
+        return any(form.fullmatch(self.id) for form, _ in _DRAWN_BY_NUMBER)
+
+    @property
     def clothing(self) -> str:
         """What is worn, in words."""
         worn = [self.top.kind] + ([self.bottom.kind] if self.bottom else [])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.errors import MethodError
+from harness.core.errors import DataError, MethodError
 from harness.data.avatars.checks import check_avatar
 from harness.data.avatars.clothes import drape as drape_module
 from harness.data.avatars.clothes.drape import DrapeCheck, drape
@@ -156,3 +156,22 @@ def test_every_body_fits_the_frame_of_every_camera(subject):
     measured = check_avatar(subject, posed.vertices[used], faces, np.ones(len(faces), bool), near)
     assert 1.45 < float(str(measured["height_m"])) < 1.98
     assert measured["cloth_to_body_mm"] == pytest.approx(0, abs=0.01)
+
+
+def test_who_only_trains_networks_may_leave_the_frame():
+    person = AvatarBody(recipe_for("a01").phenotype)
+    posed = person.posed(joint_rotations(person, POSES["relaxed"]))
+    quads = person.quads("skin")
+    used, faces = np.unique(triangles(quads), return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    near = Nearness(posed.vertices, quads)
+    wide = posed.vertices[used] * (3.0, 1.0, 1.0)
+    cloth = np.ones(len(faces), bool)
+    with pytest.raises(DataError, match="leaves the frame in [1-8] of 8 views"):
+        check_avatar("wide", wide, faces, cloth, near)
+    measured = check_avatar("wide", wide, faces, cloth, near, framed=False)
+    assert measured["width_m"] == pytest.approx(np.ptp(wide[:, 0]), abs=1e-4)
+    training = ["t00129", "u00002", "v00001"]
+    tested = [*subject_ids(), "b01", "h01", "s01"]
+    assert all(recipe_for(subject).is_for_training for subject in training)
+    assert not any(recipe_for(subject).is_for_training for subject in tested)
