@@ -66,8 +66,8 @@ class AvatarRecipe:
 
     @property
     def is_for_training(self) -> bool:
-        """Whether networks may be trained on the subject, and no table is made of it."""
-        return any(form.fullmatch(self.id) for form, _ in _DRAWN_BY_NUMBER)
+        """Whether networks may be trained on the subject; it is no test subject then."""
+        return any(form.fullmatch(self.id) for form, _ in _FOR_TRAINING)
 
     @property
     def clothing(self) -> str:
@@ -98,7 +98,7 @@ def subject_ids() -> tuple[str, ...]:
 
 _WRITTEN = (SUBJECTS, HARD_SUBJECTS)
 _DRAWN_BY_NAME = ((sealed_ids, sealed_subject), (creased_test_ids, creased_test_subject))
-_DRAWN_BY_NUMBER = (
+_FOR_TRAINING = (
     (TRAINING_ID, training_subject),
     (WIDE_TRAINING_ID, wide_training_subject),
     (CREASED_TRAINING_ID, creased_training_subject),
@@ -112,7 +112,7 @@ def _described(subject_id: str) -> Subject:
     for ids, drawn in _DRAWN_BY_NAME:
         if subject_id in ids():
             return drawn(subject_id)
-    for form, drawn in _DRAWN_BY_NUMBER:
+    for form, drawn in _FOR_TRAINING:
         if form.fullmatch(subject_id):
             return drawn(subject_id)
     raise DataError(

@@ -144,28 +144,27 @@ def test_cloth_that_never_rests_is_an_error_after_every_attempt(body, skin, monk
     assert attempts == sorted(attempts)
 
 
-@pytest.mark.parametrize("subject", subject_ids())
-def test_every_body_fits_the_frame_of_every_camera(subject):
+def bare(subject):
+    """The skin's vertices and faces of a posed subject, and what measures distances to them."""
     recipe = recipe_for(subject)
     person = AvatarBody(recipe.phenotype)
     posed = person.posed(joint_rotations(person, POSES[recipe.pose]))
     quads = person.quads("skin")
     used, faces = np.unique(triangles(quads), return_inverse=True)
-    faces = faces.reshape(-1, 3)
-    near = Nearness(posed.vertices, quads)
-    measured = check_avatar(subject, posed.vertices[used], faces, np.ones(len(faces), bool), near)
+    return posed.vertices[used], faces.reshape(-1, 3), Nearness(posed.vertices, quads)
+
+
+@pytest.mark.parametrize("subject", subject_ids())
+def test_every_body_fits_the_frame_of_every_camera(subject):
+    vertices, faces, near = bare(subject)
+    measured = check_avatar(subject, vertices, faces, np.ones(len(faces), bool), near)
     assert 1.45 < float(str(measured["height_m"])) < 1.98
     assert measured["cloth_to_body_mm"] == pytest.approx(0, abs=0.01)
 
 
 def test_who_only_trains_networks_may_leave_the_frame():
-    person = AvatarBody(recipe_for("a01").phenotype)
-    posed = person.posed(joint_rotations(person, POSES["relaxed"]))
-    quads = person.quads("skin")
-    used, faces = np.unique(triangles(quads), return_inverse=True)
-    faces = faces.reshape(-1, 3)
-    near = Nearness(posed.vertices, quads)
-    wide = posed.vertices[used] * (3.0, 1.0, 1.0)
+    vertices, faces, near = bare("a01")
+    wide = vertices * (3.0, 1.0, 1.0)
     cloth = np.ones(len(faces), bool)
     with pytest.raises(DataError, match="leaves the frame in [1-8] of 8 views"):
         check_avatar("wide", wide, faces, cloth, near)
