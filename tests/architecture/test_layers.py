@@ -33,7 +33,7 @@ PLANTS = [
     (PIPELINE, "harness/pipeline/inputs/workspace.py", "import harness.pipeline.run.store"),
     (PIPELINE, "harness/pipeline/scoring/meshes.py", "import harness.pipeline.run.store"),
     (PIPELINE, "harness/pipeline/run/plan.py", "import harness.pipeline.report.tables"),
-    (PIPELINE, "harness/pipeline/report/tables.py", "import harness.pipeline.training.light"),
+    (PIPELINE, "harness/pipeline/report/tables.py", "import harness.pipeline.training.prints"),
     (PIPELINE, "harness/pipeline/stray.py", ""),
     (ROOMS, "methods/body/photos/views.py", "import methods.normals.window"),
     (ROOMS, "methods/normals/window.py", "import methods.surface.sheets"),

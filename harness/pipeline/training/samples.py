@@ -6,6 +6,7 @@ one with errors such as a fit has; the targets are the scan's normals on its nea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -20,22 +21,26 @@ from harness.core.files.hashing import content_hash, derive_seed
 from harness.core.mesh import Mesh
 from harness.core.process.steps import StepReport
 from harness.core.truth import true_parameters
-from harness.geometry.images import load_rgb, packed_normals
-from harness.geometry.occlusion import lit_share, vertex_openness
+from harness.geometry.images import load_rgb, packed_normals, srgb_from_linear
+from harness.geometry.occlusion import vertex_openness
 from harness.geometry.photo import Picture
-from harness.geometry.raycast import Hits, Raycaster
-from harness.geometry.texture import linear_texture, texture_at
-from harness.pipeline.training.light import (
-    Gloss,
-    Light,
-    drawn_gloss,
-    drawn_light,
-    photographed,
-)
+from harness.geometry.raycast import Raycaster
+from harness.geometry.texture import linear_texture
 from harness.pipeline.training.prints import printed
+from harness.pipeline.training.shading import Shading, averaged, shaded
 from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
+from methods.normals.training.variations.light import (
+    Gloss,
+    Lamp,
+    Light,
+    drawn_gloss,
+    drawn_lamp,
+    drawn_light,
+    photographed,
+)
+from methods.normals.training.variations.relighting import LAMPS, packed_lights
 from renderers.protocol import texture_of
 
 __all__ = [
@@ -48,7 +53,7 @@ __all__ = [
 ]
 
 
-SAMPLES_VERSION = 2
+SAMPLES_VERSION = 3
 """Changes whenever any output does."""
 
 #: Rays along each side of a pixel of the photo.
@@ -95,7 +100,9 @@ def make_samples(
 
     ``rgb`` (N, H, W, 3) uint8, black outside the subject; ``mask`` (N, H, W) bool; and int8 unit
     normals (N, H, W, 3) in steps of 1/127, map frame, 0 where there are none: ``front`` and
-    ``back`` of the scan, ``body_front`` and ``body_back``.
+    ``back`` of the scan, ``body_front`` and ``body_back``. What puts a photo into another light is
+    uint8, too: ``albedo`` (N, H, W, 3) in sRGB, ``lights`` (N, H, W, 4) of sky, ground and two
+    lamps (see ``packed_lights``), and ``coverage`` (N, H, W) in steps of 1/255.
 
     Raises:
         DataError: a scan without texture or without an Anny body beside it.
@@ -161,7 +168,11 @@ class Studio:
         light, gloss = drawn_light(camera, draw), drawn_gloss(draw)
         is_printed = draw.random() < _PRINTED_SHARE
         texture = self._textures[int(draw.integers(1, 1 + _PRINTED)) if is_printed else 0]
-        photo = self._photo(camera, texture, light, gloss, draw)
+        # From a source of their own: photos stay as they are whatever else is stored with them.
+        spare = np.random.default_rng(derive_seed(seed, "spare lamps"))
+        lamps = [*light.lamps, *(drawn_lamp(camera, spare) for _ in range(LAMPS))]
+        shading = self._shaded(camera, texture, lamps[: max(LAMPS, len(light.lamps))], gloss)
+        photo = _developed(shading, camera, light, draw)
         body = self._fitted(seed)
         return {
             "rgb": np.round(255 * photo.rgb).astype(np.uint8),
@@ -170,6 +181,7 @@ class Studio:
             "back": packed_normals(self._caster.normals(camera, "far")),
             "body_front": packed_normals(body.normals(camera, "near")),
             "body_back": packed_normals(body.normals(camera, "far")),
+            **_light_maps(shading),
         }
 
     def pair(self, settings: SampleSettings, seed: int) -> PrintPair:
@@ -214,45 +226,35 @@ class Studio:
         draw: np.random.Generator,
     ) -> Picture:
         """What a camera sees in a light; black outside the mask, as working views are."""
+        return _developed(self._shaded(camera, texture, light.lamps, gloss), camera, light, draw)
+
+    def _shaded(
+        self, camera: Camera, texture: Floats, lamps: Sequence[Lamp], gloss: Gloss
+    ) -> Shading:
         n = _SUPERSAMPLE
         fine = camera.resized(camera.width * n, camera.height * n)
-        hits = self._caster.cast(fine)
-        linear = np.zeros((*hits.mask.shape, 3))
-        linear[hits.mask] = self._radiance(hits, fine, texture, light, gloss)
-        blocks = (camera.height, n, camera.width, n)
-        coverage = hits.mask.reshape(blocks).mean(axis=(1, 3))
-        total = linear.reshape(*blocks, 3).mean(axis=(1, 3))
-        straight = total / np.where(coverage > 0, coverage, 1.0)[..., None]
-        mask = coverage >= 0.5
-        picture = np.zeros_like(straight)
-        # Displays blend in sRGB, and so do working pictures: over black, by coverage.
-        picture[mask] = photographed(straight[mask], light, draw) * coverage[mask][:, None]
-        return Picture(camera, picture, coverage)
+        return shaded(self._caster, self._openness, fine, texture, lamps, gloss)
 
-    def _radiance(
-        self, hits: Hits, camera: Camera, texture: Floats, light: Light, gloss: Gloss
-    ) -> Floats:
-        """(N, 3) linear light that leaves each hit towards the camera."""
-        mesh = self._caster.mesh
-        normals = self._caster.normals_at(hits, camera, "world")[hits.mask]
-        albedo = texture_at(hits, mesh, texture)[hits.mask]
-        openness = hits.interpolate(self._openness, mesh.faces)[hits.mask]
-        rows, columns = np.nonzero(hits.mask)
-        pixels = np.stack([columns, rows], axis=1) + 0.5
-        points = camera.unproject(pixels, hits.depth[hits.mask])
-        arriving = openness * light.even(normals)
-        toward_camera = camera.position - points
-        toward_camera /= np.linalg.norm(toward_camera, axis=1, keepdims=True)
-        reflected = np.zeros_like(albedo)
-        for lamp in light.lamps:
-            toward = lamp.points.mean(axis=0) - points
-            toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-            facing = np.maximum((normals * toward).sum(axis=1), 0.0)
-            lit = np.flatnonzero(facing > 0)
-            share = np.zeros(len(points))
-            share[lit] = lit_share(self._caster, points[lit], normals[lit], lamp.points)
-            arriving = arriving + (facing * share)[:, None] * lamp.colour
-            if gloss.strength > 0:
-                mirrored = gloss.share(normals, toward, toward_camera)
-                reflected += (mirrored * facing * share)[:, None] * lamp.colour
-        return albedo * arriving + reflected
+
+def _developed(
+    shading: Shading, camera: Camera, light: Light, draw: np.random.Generator
+) -> Picture:
+    straight, coverage = averaged(shading.radiance(light), shading.mask, _SUPERSAMPLE)
+    mask = coverage >= 0.5
+    picture = np.zeros_like(straight)
+    # Displays blend in sRGB, and so do working pictures: over black, by coverage.
+    picture[mask] = photographed(straight[mask], light, draw) * coverage[mask][:, None]
+    return Picture(camera, picture, coverage)
+
+
+def _light_maps(shading: Shading) -> dict[str, NDArray[np.generic]]:
+    """What puts a photo into another light, as ``make_samples`` writes it."""
+    lights = shading.lights[:, : 2 + LAMPS]
+    values, coverage = averaged(
+        np.concatenate([shading.albedo, lights], axis=1), shading.mask, _SUPERSAMPLE
+    )
+    return {
+        "albedo": np.round(255 * srgb_from_linear(np.clip(values[..., :3], 0, 1))).astype(np.uint8),
+        "lights": packed_lights(values[..., 3:]),
+        "coverage": np.round(255 * coverage).astype(np.uint8),
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from pickle import UnpicklingError
 
@@ -16,6 +16,7 @@ from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
 from methods.normals.training.curve import Look, write_curve
+from methods.normals.training.lanes import LANES, Lanes
 from methods.normals.training.losses import total
 from methods.normals.training.network import Answer, NormalNetwork
 from methods.normals.training.optimiser import Muon
@@ -103,9 +104,12 @@ class _Run:
         self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.network = _placed(NormalNetwork(), self.device)
         if start is not None:
-            self.network.load_state_dict(start)
+            # Blocks that an earlier network had not keep their first values.
+            self.network.load_state_dict({**self.network.state_dict(), **start})
         self.average = _placed(NormalNetwork(), self.device)
         self.average.load_state_dict(self.network.state_dict())
+        self.lane_count = min(LANES, settings.batch)
+        self.lanes = Lanes(self.network, self.lane_count)
         self.optimiser = Muon(self.network.parameters(), settings.rate, settings.decay)
         self.step, self.seconds, self.loss = 0, 0.0, math.nan
         self.looks: list[Look] = []
@@ -155,20 +159,21 @@ class _Run:
 
     def advance(self, samples: Samples) -> None:
         """One step; what it does follows from its number alone."""
-        draw = torch.Generator().manual_seed(
-            derive_seed(self.settings.seed, "normal-step", self.step) % 2**31
-        )
-        batch = samples.drawn(self.settings, draw).to(self.device)
+
+        def loss(number: int, network: nn.Module) -> Tensor:
+            seed = derive_seed(self.settings.seed, "normal-step", self.step, number)
+            draw = torch.Generator().manual_seed(seed % 2**31)
+            count = (self.settings.batch + number) // self.lane_count
+            part = replace(self.settings, batch=count)
+            batch = samples.drawn(part, draw).to(self.device)
+            return total(_answer(network, batch), batch, self.settings.losses)
+
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate * _rate(self.step / self.settings.steps)
-        self.network.train()
-        loss = total(_answer(self.network, batch), batch, self.settings.losses)
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        value = self.lanes.descend(loss)
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
         self.optimiser.step()
         self.step += 1
-        value = float(loss.detach())
         self.loss = value if math.isnan(self.loss) else 0.98 * self.loss + 0.02 * value
         self._average()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,13 +13,19 @@ from torch import Tensor
 
 from harness.core.array_files.npz import read_required_arrays
 from harness.core.errors import DataError
-from methods.normals.training.photo_faults import spoilt
+from harness.geometry.window import Window
 from methods.normals.training.settings import FaultShares, TrainingSettings
-from methods.normals.training.turning import Placement, drawn_placement
+from methods.normals.training.variations.photo_faults import spoilt
+from methods.normals.training.variations.relighting import relit
+from methods.normals.training.variations.turning import Placement, drawn_placement
 
 __all__ = ["Batch", "Samples"]
 
-_ARRAYS = ("rgb", "mask", "front", "back", "body_front", "body_back")
+#: Of one subject, or of a window of one of its samples.
+Arrays = dict[str, np.ndarray]
+
+_MAPS = ("rgb", "mask", "front", "back", "body_front", "body_back")
+_ARRAYS = (*_MAPS, "albedo", "lights", "coverage")
 _NORMALS = ("body_front", "body_back", "front", "back")
 _STEPS = 127.0
 #: A pixel of a turned mask is inside if so much of it is.
@@ -57,12 +64,16 @@ class Samples:
     """All samples of some subjects.
 
     Args:
-        arrays: By the names of ``harness.pipeline.training.samples.make_samples``.
+        files: Arrays by the names of ``harness.pipeline.training.samples.make_samples``, of one
+            size, for each subject.
         keys: Content ids of the files.
     """
 
-    def __init__(self, arrays: dict[str, Tensor], keys: Sequence[str]) -> None:
-        self._arrays = arrays
+    def __init__(self, files: Sequence[Arrays], keys: Sequence[str]) -> None:
+        # Each file's arrays as they are: together they are many gigabytes, and twice that in one.
+        self._places = [(file, row) for file in files for row in range(len(file["rgb"]))]
+        height, width = files[0]["rgb"].shape[1:3]
+        self._whole = Window.whole((width, height))
         self.keys = tuple(keys)
 
     @classmethod
@@ -73,43 +84,43 @@ class Samples:
             DataError: a file that is not one of samples, or of another size than the first.
         """
         files = [_read(path) for path in paths]
-        sizes = {file["rgb"].shape[1:] for file in files}
+        sizes = {file["rgb"].shape[1:3] for file in files}
         if len(sizes) != 1:
             raise DataError(
                 "training samples are of different sizes",
                 expected="one size",
-                got=", ".join(f"{size[1]} x {size[0]}" for size in sorted(sizes)),
+                got=", ".join(f"{width} x {height}" for height, width in sorted(sizes)),
             )
-        arrays = {
-            name: torch.from_numpy(np.concatenate([file[name] for file in files]))
-            for name in _ARRAYS
-        }
-        return cls(arrays, [str(file["key"]) for file in files])
+        return cls(files, [str(file["key"]) for file in files])
 
     def __len__(self) -> int:
-        return len(self._arrays["rgb"])
+        return len(self._places)
 
     def at(self, indices: Iterable[int]) -> Batch:
         """The samples at some indices, as they are."""
-        return self._batch(torch.as_tensor(list(indices)), slice(None))
+        return _batch([self._taken(index, self._whole) for index in indices])
 
     def drawn(self, settings: TrainingSettings, draw: torch.Generator) -> Batch:
-        """Some samples with varied colours and a camera's faults, turned, half of them mirrored.
+        """Some samples in varied light, with a camera's faults, turned, half of them mirrored.
 
         Args:
-            settings: Their number, how many of their columns are kept, and what varies how much.
+            settings: Their number, which part of them is seen, and what varies how much.
             draw: Source of randomness.
         """
-        count, width = settings.batch, settings.width_px
-        rows = torch.randint(len(self), (count,), generator=draw)
-        whole = self._arrays["mask"].shape[2]
-        width = min(width, whole)
-        left = int(torch.randint(whole - width + 1, (1,), generator=draw))
-        batch = self._batch(rows, slice(left, left + width))
-        batch = _placed(batch, drawn_placement(count, settings.turning, draw))
+        windows = settings.windows
+        near = windows.wide_near
+        is_near = bool(torch.rand((), generator=draw) < windows.near_share)
+        is_near = is_near and near[0] <= self._whole.width and near[1] <= self._whole.height
+        taken = (self._near if is_near else self._strips)(settings, draw)
+        for arrays in taken:
+            if torch.rand((), generator=draw) < settings.relit:
+                _relight(arrays, draw)
+        batch = _placed(_batch(taken), drawn_placement(len(taken), settings.turning, draw))
+        if is_near:
+            batch = _trimmed(batch, windows.rim_px)
         batch = replace(batch, image=_recoloured(batch.image, batch.mask, draw))
         batch = _photographed(batch, draw, settings.faults)
-        mirrored = torch.rand(count, generator=draw) < 0.5
+        mirrored = torch.rand(len(taken), generator=draw) < 0.5
         return Batch(
             *(
                 _mirrored(getattr(batch, field.name), mirrored, normals=field.name in _NORMALS)
@@ -117,32 +128,89 @@ class Samples:
             )
         )
 
-    def _batch(self, rows: Tensor, columns: slice) -> Batch:
-        taken = {name: _channels_first(self._arrays[name][rows][:, :, columns]) for name in _ARRAYS}
-        mask = taken["mask"].float()
-        normals = {name: taken[name].float() / _STEPS for name in _NORMALS}
-        inside = {
-            side: mask * (normals[side].abs().sum(1, keepdim=True) > 0)
-            for side in ("front", "back")
-        }
-        return Batch(
-            image=(taken["rgb"].float() / 127.5 - 1.0) * mask,
-            mask=mask,
-            **normals,
-            front_inside=inside["front"],
-            back_inside=inside["back"],
+    def _strips(self, settings: TrainingSettings, draw: torch.Generator) -> list[Arrays]:
+        """Samples of full height."""
+        width = min(settings.windows.strip_px, self._whole.width)
+        left = _below(self._whole.width - width + 1, draw)
+        window = Window(left, 0, width, self._whole.height)
+        return [self._taken(_below(len(self), draw), window) for _ in range(settings.batch)]
+
+    def _near(self, settings: TrainingSettings, draw: torch.Generator) -> list[Arrays]:
+        """More samples, each around one of the subject's pixels, of as many pixels in all."""
+        windows = settings.windows
+        strip = min(windows.strip_px, self._whole.width) * self._whole.height
+        count = round(settings.batch * strip / math.prod(windows.near_px))
+        return [
+            self._around(_below(len(self), draw), windows.wide_near, draw) for _ in range(count)
+        ]
+
+    def _around(self, index: int, size: tuple[int, int], draw: torch.Generator) -> Arrays:
+        file, row = self._places[index]
+        pixels = np.flatnonzero(file["mask"][row])
+        middle = divmod(int(pixels[_below(len(pixels), draw)]), self._whole.width)
+        top, left = (
+            int(np.clip(at - side // 2, 0, most - side))
+            for at, side, most in zip(
+                middle, size[::-1], (self._whole.height, self._whole.width), strict=True
+            )
         )
+        return self._taken(index, Window(left, top, *size))
+
+    def _taken(self, index: int, window: Window) -> Arrays:
+        file, row = self._places[index]
+        return {name: values[row][window.slices] for name, values in file.items() if name != "key"}
 
 
-def _read(path: Path) -> dict[str, np.ndarray]:
+def _below(count: int, draw: torch.Generator) -> int:
+    return int(torch.randint(count, (), generator=draw))
+
+
+def _read(path: Path) -> Arrays:
     return read_required_arrays(
         path, ("key", *_ARRAYS), "training samples", "Delete it, and it is made again"
+    )
+
+
+def _batch(taken: Sequence[Arrays]) -> Batch:
+    maps = {
+        name: _channels_first(torch.from_numpy(np.stack([arrays[name] for arrays in taken])))
+        for name in _MAPS
+    }
+    mask = maps["mask"].float()
+    normals = {name: maps[name].float() / _STEPS for name in _NORMALS}
+    inside = {
+        side: mask * (normals[side].abs().sum(1, keepdim=True) > 0) for side in ("front", "back")
+    }
+    return Batch(
+        image=(maps["rgb"].float() / 127.5 - 1.0) * mask,
+        mask=mask,
+        **normals,
+        front_inside=inside["front"],
+        back_inside=inside["back"],
     )
 
 
 def _channels_first(rows: Tensor) -> Tensor:
     """(B, C, H, W) of (B, H, W) or (B, H, W, C), the memory as it is: channels last."""
     return (rows[..., None] if rows.ndim == 3 else rows).movedim(-1, 1)
+
+
+def _relight(arrays: Arrays, draw: torch.Generator) -> None:
+    """Put a sample's photo into another light."""
+    mask = arrays["mask"]
+    picture = np.zeros_like(arrays["rgb"])
+    seed = _below(2**31, draw)
+    picture[mask] = relit(
+        *(arrays[name][mask] for name in ("albedo", "lights", "coverage")),
+        np.random.default_rng(seed),
+    )
+    arrays["rgb"] = picture
+
+
+def _trimmed(batch: Batch, rim_px: int) -> Batch:
+    """The batch without its rim."""
+    inner = slice(rim_px, -rim_px or None)
+    return Batch(*(getattr(batch, field.name)[:, :, inner, inner] for field in fields(batch)))
 
 
 def _recoloured(image: Tensor, mask: Tensor, draw: torch.Generator) -> Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["FaultShares", "LossWeights", "TrainingSettings", "Turning"]
+__all__ = ["FaultShares", "LossWeights", "TrainingSettings", "Turning", "Windows"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +62,38 @@ class Turning:
 
 
 @dataclass(frozen=True, slots=True)
+class Windows:
+    """Which part of each sample a step sees.
+
+    Most of a sample is empty. A step sees either a strip of its full height, or more samples, as
+    many as have the same number of pixels, each from nearby.
+
+    Attributes:
+        strip_px: Columns of a strip, at random.
+        near_share: Share of the steps that look from nearby.
+        near_px: Columns and rows of what these see, around a random pixel of the subject.
+        rim_px: What is taken beside that, so that turning it brings no emptiness in.
+    """
+
+    strip_px: int = 256
+    near_share: float = 0.75
+    near_px: tuple[int, int] = (192, 256)
+    rim_px: int = 24
+
+    @property
+    def wide_near(self) -> tuple[int, int]:
+        """Columns and rows of what is seen from nearby, rim included."""
+        width, height = self.near_px
+        return width + 2 * self.rim_px, height + 2 * self.rim_px
+
+
+@dataclass(frozen=True, slots=True)
 class TrainingSettings:
     """How a network is trained.
 
     Attributes:
         steps: Number of optimiser steps.
-        batch: Number of samples in each step.
-        width_px: Columns of a sample that a step sees, at random: most are empty.
+        batch: Number of strips in each step; see ``Windows``.
         rate: Greatest learning rate (Muon; warm-up, then a half cosine).
         decay: Weight decay.
         judge_every: Steps between two looks at the held-out subjects; a checkpoint each.
@@ -76,12 +101,13 @@ class TrainingSettings:
         losses: Factors of the parts of the loss.
         faults: How often cameras and masks are at fault.
         turning: How samples are turned and enlarged.
+        windows: Which part of each sample a step sees.
+        relit: Share of the photos that are seen in another light than they were taken in.
         start: Content id of the weights that training starts from; empty for random ones.
     """
 
     steps: int = 1500
     batch: int = 8
-    width_px: int = 256
     rate: float = 3e-3
     decay: float = 1e-2
     judge_every: int = 100
@@ -89,4 +115,6 @@ class TrainingSettings:
     losses: LossWeights = field(default_factory=LossWeights)
     faults: FaultShares = field(default_factory=FaultShares)
     turning: Turning = field(default_factory=Turning)
+    windows: Windows = field(default_factory=Windows)
+    relit: float = 0.7
     start: str = ""

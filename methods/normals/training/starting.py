@@ -9,7 +9,7 @@ from torch import Tensor
 
 from harness.core.errors import DataError
 from methods.normals.onnx_files import read_network
-from methods.normals.training.network import NormalNetwork
+from methods.normals.training.network import Block, NormalNetwork
 
 __all__ = ["started_from"]
 
@@ -21,6 +21,9 @@ HALF = "__half"
 
 def started_from(path: Path) -> dict[str, Tensor]:
     """The state of a ``NormalNetwork`` in a file that ``export_network`` wrote.
+
+    A file of an earlier, shallower network lacks the tensors of blocks, which do nothing at the
+    start.
 
     Raises:
         DataError: not such a file, or of a network of another shape.
@@ -37,12 +40,25 @@ def started_from(path: Path) -> dict[str, Tensor]:
         for tensor in model.graph.initializer
         if tensor.name.startswith(_WITHIN)
     }
-    wanted = {name: value.shape for name, value in NormalNetwork().state_dict().items()}
-    if {name: value.shape for name, value in found.items()} != wanted:
+    fresh = NormalNetwork()
+    wanted = fresh.state_dict()
+    shapes = {name: value.shape for name, value in wanted.items()}
+    fits = all(shapes.get(name) == value.shape for name, value in found.items())
+    if not fits or not (wanted.keys() - found.keys()) <= _in_blocks(fresh):
         raise DataError(
             f"training cannot start from {path}",
-            expected="a network of the shape that 'harness train normals' makes",
+            expected="a network that 'harness train normals' made, or one of fewer blocks",
             got=f"{len(found)} tensors of its {len(wanted)}, or other shapes",
             hint="Leave out --from: training then starts from random weights",
         )
     return found
+
+
+def _in_blocks(network: NormalNetwork) -> set[str]:
+    """The tensors without which a network answers as it would with their first values."""
+    return {
+        f"{place}.{name}"
+        for place, module in network.named_modules()
+        if isinstance(module, Block)
+        for name in module.state_dict()
+    }

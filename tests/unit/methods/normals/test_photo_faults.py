@@ -2,17 +2,18 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from methods.normals.training.photo_faults import spoilt  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
 from methods.normals.training.settings import (  # noqa: E402
     FaultShares,
     TrainingSettings,
     Turning,
 )
+from methods.normals.training.variations.photo_faults import spoilt  # noqa: E402
 
 NONE = FaultShares(0, 0, 0, 0, 0, 0, 0)
 SIZE = 40
@@ -93,19 +94,19 @@ def test_a_cut_loses_head_or_feet():
 
 
 def test_nothing_is_asked_where_nothing_is_seen():
-    mask = torch.zeros(6, 30, 20, dtype=torch.bool)
+    mask = np.zeros((6, 30, 20), bool)
     mask[:, 4:26, 4:16] = True
-    normals = torch.zeros(6, 30, 20, 3, dtype=torch.int8)
+    normals = np.zeros((6, 30, 20, 3), np.int8)
     normals[..., 2] = 127
     arrays = {
-        "rgb": torch.full((6, 30, 20, 3), 90, dtype=torch.uint8) * mask[..., None],
+        "rgb": np.full((6, 30, 20, 3), 90, np.uint8) * mask[..., None],
         "mask": mask,
         **dict.fromkeys(("front", "back", "body_front", "body_back"), normals),
     }
-    samples = Samples(arrays, ["toy"])
+    samples = Samples([arrays], ["toy"])
     draw = torch.Generator().manual_seed(0)
     settings = TrainingSettings(
-        batch=6, width_px=20, faults=replace(NONE, cut=1.0, rim=1.0), turning=Turning(0.0)
+        batch=6, relit=0.0, faults=replace(NONE, cut=1.0, rim=1.0), turning=Turning(0.0)
     )
     batch = samples.drawn(settings, draw)
     for inside in (batch.front_inside, batch.back_inside):

@@ -12,15 +12,26 @@ torch = pytest.importorskip("torch")
 
 from harness.core.errors import DataError, HarnessError  # noqa: E402
 from methods.normals.training import loop  # noqa: E402
+from methods.normals.training.export import export_network  # noqa: E402
 from methods.normals.training.loop import judged, train  # noqa: E402
-from methods.normals.training.network import NormalNetwork  # noqa: E402
+from methods.normals.training.network import Mirrored, NormalNetwork  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
-from methods.normals.training.settings import FaultShares, TrainingSettings, Turning  # noqa: E402
+from methods.normals.training.settings import (  # noqa: E402
+    FaultShares,
+    TrainingSettings,
+    Turning,
+    Windows,
+)
+from methods.normals.training.starting import started_from  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)
 STILL = replace(
-    SETTINGS, faults=FaultShares(0, 0, 0, 0, 0, 0, 0), turning=Turning(0.0), width_px=SIZE
+    SETTINGS,
+    faults=FaultShares(0, 0, 0, 0, 0, 0, 0),
+    turning=Turning(0.0),
+    windows=Windows(strip_px=SIZE),
+    relit=0.0,
 )
 
 
@@ -42,6 +53,9 @@ def toy(count=4, tilt_deg=25.0, seed=0):
         "back": -tilted * inside,
         "body_front": towards * inside,
         "body_back": -towards * inside,
+        "albedo": np.full((count, SIZE, SIZE, 3), 128, np.uint8) * inside,
+        "lights": np.full((count, SIZE, SIZE, 4), 180, np.uint8) * inside,
+        "coverage": np.full((count, SIZE, SIZE), 255, np.uint8) * mask,
     }
     return {
         name: np.round(127 * values).astype(np.int8) if values.dtype == float else values
@@ -172,7 +186,64 @@ def test_files_of_other_sizes_or_kinds_are_refused(tmp_path):
 def test_a_cut_keeps_the_maps_together(samples):
     for seed in range(5):
         batch = samples.drawn(
-            replace(STILL, batch=4, width_px=16), torch.Generator().manual_seed(seed)
+            replace(STILL, batch=4, windows=Windows(strip_px=16)),
+            torch.Generator().manual_seed(seed),
         )
         assert batch.image.shape == (4, 3, SIZE, 16)
         assert torch.equal(batch.mask > 0, batch.body_front[:, 2:] != 0)
+
+
+def test_what_is_seen_from_nearby_is_the_subject_in_as_many_pixels(tmp_path):
+    arrays = {
+        name: np.pad(values, [(0, 0), (64, 64), (32, 32)] + [(0, 0)] * (values.ndim - 3))
+        for name, values in toy(count=6).items()
+    }
+    np.savez(tmp_path / "wide.npz", key=np.array("wide"), **arrays)
+    samples = Samples.load([tmp_path / "wide.npz"])
+    near = Windows(strip_px=64, near_share=1.0, near_px=(32, 40), rim_px=8)
+    batch = samples.drawn(replace(STILL, windows=near), torch.Generator().manual_seed(0))
+    # Two strips of 64 x 160 pixels, divided into windows of 32 x 40.
+    assert batch.image.shape == (16, 3, 40, 32)
+    # Each is around a pixel of the subject, of which few are in a strip.
+    assert (batch.mask.sum(dim=(1, 2, 3)) > 0).all()
+    strips = samples.drawn(
+        replace(STILL, windows=replace(near, near_share=0.0)), torch.Generator().manual_seed(0)
+    )
+    assert batch.mask.mean() > 2 * strips.mask.mean()
+    assert torch.equal(batch.mask > 0, batch.body_front[:, 2:] != 0)
+
+
+def test_another_light_leaves_all_but_the_photo(samples):
+    lit = replace(STILL, relit=1.0, batch=4)
+    plain = samples.drawn(STILL, torch.Generator().manual_seed(3))
+    first, second = (samples.drawn(lit, torch.Generator().manual_seed(seed)) for seed in (3, 4))
+    assert plain.image.shape[1:] == first.image.shape[1:]
+    inside = (first.mask > 0).expand_as(first.image)
+    assert not first.image[~inside].any()
+    # One albedo and the same light everywhere: an even picture, of another brightness each time.
+    means = {round(float(picture[:, 4:28, 8:24].mean()), 2) for picture in first.image}
+    means |= {round(float(picture[:, 4:28, 8:24].mean()), 2) for picture in second.image}
+    assert len(means) > 4
+    turned = first.front[first.front_inside.expand_as(first.front) > 0].abs().unique()
+    assert len(turned) <= 3
+
+
+def test_a_training_starts_from_a_network_of_fewer_blocks(tmp_path):
+    torch.manual_seed(0)
+    shallow = NormalNetwork(depths=(1, 2, 2, 2), lifted=(1, 1, 1), sharp=(0, 0))
+    with torch.no_grad():
+        for parameter in shallow.parameters():
+            parameter.add_(0.01 * torch.randn_like(parameter))
+    export_network(Mirrored(shallow), tmp_path / "shallow.onnx", {"name": "shallow"})
+    found = started_from(tmp_path / "shallow.onnx")
+    deep = NormalNetwork()
+    deep.load_state_dict({**deep.state_dict(), **found})
+    assert len(deep.state_dict()) > len(found)
+    scene = [torch.randn(1, channels, 64, 32) for channels in (3, 1, 3, 3)]
+    with torch.no_grad():
+        for mine, yours in zip(deep(*scene), shallow.eval()(*scene), strict=True):
+            torch.testing.assert_close(mine, yours, rtol=0, atol=2e-3)
+    wider = NormalNetwork(fine=32)
+    export_network(Mirrored(wider), tmp_path / "wider.onnx", {"name": "wider"})
+    with pytest.raises(DataError, match="cannot start from"):
+        started_from(tmp_path / "wider.onnx")

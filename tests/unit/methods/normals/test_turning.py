@@ -7,7 +7,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from methods.normals.training.settings import Turning  # noqa: E402
-from methods.normals.training.turning import Placement, drawn_placement  # noqa: E402
+from methods.normals.training.variations.turning import Placement, drawn_placement  # noqa: E402
 
 
 def place(angle_deg, zoom=1.0):

@@ -9,16 +9,17 @@ import pytest
 
 from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.window import Window
-from harness.pipeline.training.light import (
+from harness.pipeline.training.prints import printed
+from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
+from methods.normals.training.variations.light import (
     Gloss,
     Lamp,
     Light,
     drawn_gloss,
     drawn_light,
     photographed,
+    sky_and_ground,
 )
-from harness.pipeline.training.prints import printed
-from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
 
 BOX = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.85, 0.85) for z in (-0.2, 0.2)])
 EVEN = Light(np.full(3, 0.5), np.full(3, 0.5), (), exposure=1.0, contrast=1.0, noise=0.0)
@@ -76,7 +77,8 @@ def test_some_cameras_look_down_or_up_and_some_stand_near():
 def test_light_from_above_and_below_is_shared_by_the_normal():
     light = replace(EVEN, sky=np.full(3, 0.8), ground=np.full(3, 0.2))
     normals = np.array([[0, 1.0, 0], [0, -1.0, 0], [1.0, 0, 0]])
-    np.testing.assert_allclose(light.even(normals)[:, 0], [0.8, 0.2, 0.5])
+    arriving = sky_and_ground(normals) @ light.colours
+    np.testing.assert_allclose(arriving[:, 0], [0.8, 0.2, 0.5])
 
 
 def test_gloss_shines_where_the_mirror_would_and_fades_beside_it():

@@ -16,7 +16,18 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.geometry.images import srgb_from_linear
 
-__all__ = ["Gloss", "Lamp", "Light", "drawn_gloss", "drawn_light", "photographed"]
+__all__ = [
+    "Gloss",
+    "Lamp",
+    "Light",
+    "drawn_gloss",
+    "drawn_lamp",
+    "drawn_lamp_colour",
+    "drawn_light",
+    "light_of",
+    "photographed",
+    "sky_and_ground",
+]
 
 
 _LAMP_POINTS = 6
@@ -58,10 +69,10 @@ class Light:
     contrast: float
     noise: float
 
-    def even(self, normals: Floats) -> Floats:
-        """(N, 3) light from everywhere on open surfaces with normals (N, 3), world frame."""
-        above = (1.0 + normals[:, 1:2]) / 2.0
-        return above * self.sky + (1.0 - above) * self.ground
+    @property
+    def colours(self) -> Floats:
+        """(2 + L, 3) colours of the sky, of the ground, and of each lamp."""
+        return np.stack([self.sky, self.ground, *[lamp.colour for lamp in self.lamps]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +92,11 @@ class Gloss:
 
 def drawn_light(camera: Camera, draw: np.random.Generator) -> Light:
     """Light around the subject of a camera; most of it from the camera's side and from above."""
-    lamps = tuple(_drawn_lamp(camera, draw) for _ in range(draw.choice(_LAMPS)))
+    return light_of(tuple(drawn_lamp(camera, draw) for _ in range(draw.choice(_LAMPS))), draw)
+
+
+def light_of(lamps: tuple[Lamp, ...], draw: np.random.Generator) -> Light:
+    """Some lamps, and around them a drawn sky and ground; a drawn exposure."""
     sky = draw.uniform(0.1 if lamps else 0.6, 0.9) * _tint(draw)
     return Light(
         sky=sky,
@@ -93,6 +108,12 @@ def drawn_light(camera: Camera, draw: np.random.Generator) -> Light:
     )
 
 
+def sky_and_ground(normals: Floats) -> Floats:
+    """(N, 2) shares of both that arrive on open surfaces with normals (N, 3), world frame."""
+    above = (1.0 + normals[:, 1]) / 2.0
+    return np.stack([above, 1.0 - above], axis=1)
+
+
 def drawn_gloss(draw: np.random.Generator) -> Gloss:
     """Mostly none; else from a faint sheen to leather and satin."""
     if draw.random() < _MATT:
@@ -101,7 +122,8 @@ def drawn_gloss(draw: np.random.Generator) -> Gloss:
     return Gloss(float(draw.uniform(*_GLOSS)), sharpness)
 
 
-def _drawn_lamp(camera: Camera, draw: np.random.Generator) -> Lamp:
+def drawn_lamp(camera: Camera, draw: np.random.Generator) -> Lamp:
+    """A lamp on the camera's side of the subject, mostly above it."""
     distance = draw.uniform(1.5, 4.0)
     across, height = draw.uniform(-80, 80), draw.uniform(-15, 75)
     turn, lift = math.radians(across), math.radians(height)
@@ -112,7 +134,12 @@ def _drawn_lamp(camera: Camera, draw: np.random.Generator) -> Lamp:
     centre = distance * toward @ camera.rotation
     radius = math.exp(draw.uniform(*np.log(_RADIUS_M)))
     points = centre + radius * draw.uniform(-1, 1, (_LAMP_POINTS, 3))
-    return Lamp(points, draw.uniform(0.15, 0.9) * _tint(draw))
+    return Lamp(points, drawn_lamp_colour(draw))
+
+
+def drawn_lamp_colour(draw: np.random.Generator) -> Floats:
+    """(3,) linear light of a lamp on a surface that faces it."""
+    return draw.uniform(0.15, 0.9) * _tint(draw)
 
 
 def _tint(draw: np.random.Generator) -> Floats:
