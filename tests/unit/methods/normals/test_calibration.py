@@ -44,7 +44,7 @@ def _samples():
         "body_front": np.round(127 * tilted).astype(np.int8),
         "body_back": np.round(-127 * tilted).astype(np.int8),
     }
-    return Samples({name: torch.from_numpy(values) for name, values in arrays.items()}, ["toy"])
+    return Samples([arrays], ["toy"])
 
 
 def test_a_network_that_knows_its_error_is_on_the_diagonal(samples, tmp_path):
