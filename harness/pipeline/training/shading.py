@@ -10,7 +10,7 @@ import numpy as np
 from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 from harness.geometry.occlusion import lit_share
-from harness.geometry.raycast import Hits, Raycaster
+from harness.geometry.raycast import Raycaster
 from harness.geometry.texture import texture_at
 from methods.normals.training.variations.light import Gloss, Lamp, Light, sky_and_ground
 
@@ -62,7 +62,7 @@ def shaded(
         lamps: Those of the light first.
         gloss: How the surface shines.
     """
-    hits: Hits = caster.cast(camera)
+    hits = caster.cast(camera)
     mesh = caster.mesh
     normals = caster.normals_at(hits, camera, "world")[hits.mask]
     rows, columns = np.nonzero(hits.mask)

@@ -24,10 +24,11 @@ class Lanes:
 
     Args:
         network: Whose weights may change in place, and no other way.
-        count: Number of copies.
+        count: Number of copies, which an attribute keeps.
     """
 
     def __init__(self, network: nn.Module, count: int) -> None:
+        self.count = count
         self._network = network
         self._copies = [copy.deepcopy(network) for _ in range(count)]
         for lane in self._copies:

@@ -108,8 +108,7 @@ class _Run:
             self.network.load_state_dict({**self.network.state_dict(), **start})
         self.average = _placed(NormalNetwork(), self.device)
         self.average.load_state_dict(self.network.state_dict())
-        self.lane_count = min(LANES, settings.batch)
-        self.lanes = Lanes(self.network, self.lane_count)
+        self.lanes = Lanes(self.network, min(LANES, settings.batch))
         self.optimiser = Muon(self.network.parameters(), settings.rate, settings.decay)
         self.step, self.seconds, self.loss = 0, 0.0, math.nan
         self.looks: list[Look] = []
@@ -163,7 +162,7 @@ class _Run:
         def loss(number: int, network: nn.Module) -> Tensor:
             seed = derive_seed(self.settings.seed, "normal-step", self.step, number)
             draw = torch.Generator().manual_seed(seed % 2**31)
-            count = (self.settings.batch + number) // self.lane_count
+            count = (self.settings.batch + number) // self.lanes.count
             part = replace(self.settings, batch=count)
             batch = samples.drawn(part, draw).to(self.device)
             return total(_answer(network, batch), batch, self.settings.losses)

@@ -8,9 +8,8 @@ in a hundredth of the time that the first one took.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Bytes, Floats, Singles
 from harness.geometry.images import linear_from_srgb
 from methods.normals.training.variations.light import (
     Lamp,
@@ -28,8 +27,6 @@ LAMPS = 2
 _SHINING = 0.7
 _NOWHERE = np.zeros((0, 3))
 
-Bytes = NDArray[np.uint8]
-
 _LINEAR = linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)
 _SQUARES = ((np.arange(256) / 255.0) ** 2).astype(np.float32)
 
@@ -42,14 +39,12 @@ def packed_lights(lights: Floats) -> Bytes:
     return np.round(255.0 * np.sqrt(np.clip(lights, 0.0, 1.0))).astype(np.uint8)
 
 
-def unpacked_lights(lights: Bytes) -> NDArray[np.float32]:
+def unpacked_lights(lights: Bytes) -> Singles:
     """The shares behind ``packed_lights``."""
     return _SQUARES[lights]
 
 
-def relit(
-    albedo: Bytes, lights: Bytes, coverage: Bytes, draw: np.random.Generator
-) -> NDArray[np.uint8]:
+def relit(albedo: Bytes, lights: Bytes, coverage: Bytes, draw: np.random.Generator) -> Bytes:
     """(N, 3) sRGB bytes of pixels in a drawn light, blended over black by their coverage.
 
     Args:

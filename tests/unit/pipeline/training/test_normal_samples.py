@@ -230,8 +230,9 @@ def test_a_stored_photo_in_its_own_light_is_that_photo(source, tmp_path, monkeyp
     # Colour and light are averaged one by one: where prints and shadows end, rays differ.
     assert np.median(off) < 0.006
     assert np.quantile(off, 0.95) < 0.03
+    sample = made(source, "p1", tmp_path / "p1.npz")
     for name in ("albedo", "lights", "coverage"):
-        assert made(source, "p1", tmp_path / "p1.npz")[name].shape[:3] == (2, 128, 96)
+        assert sample[name].shape[:3] == (2, 128, 96)
 
 
 def test_a_pair_differs_in_its_prints_alone(source):
