@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
 from harness.pipeline.training.sittings import (
     METADATA,
+    Blend,
     Sitting,
     provenance,
     sittings_of,
@@ -33,6 +34,8 @@ from methods.normals.installed import OPEN_NETWORK
 from methods.normals.training.settings import TrainingSettings
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from methods.normals.training.loop import Trained
     from methods.normals.training.samples import Samples
 
@@ -57,6 +60,7 @@ class TrainingRequest:
             random ones.
         command: What a user runs to get the same network, for its provenance.
         name: What the network is called.
+        blend: Share of the start's weights in the network, below 1; 0 without a start.
     """
 
     sources: tuple[Source, ...]
@@ -68,6 +72,7 @@ class TrainingRequest:
     start: Path | None = None
     command: str = "harness train normals"
     name: str = OPEN_NETWORK
+    blend: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +109,8 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     """Train a network on the samples of some sources, continuing where an earlier call stopped.
 
     Raises:
-        HarnessError: too few subjects, sealed subjects, test subjects among them, or some that
-            judge and were trained on before.
+        HarnessError: too few subjects, sealed subjects, test subjects among them, some that
+            judge and were trained on before, or a blend with nothing.
         DataError: a start that is no network of this shape.
         MissingPart: PyTorch or onnx is not installed.
     """
@@ -131,6 +136,9 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         lambda steps, line: _report(progress, steps, line),
         start,
     )
+    blend = None
+    if start and request.blend:
+        trained, blend = _blended(trained, start, request.blend, judges)
     sitting = Sitting(
         command=request.command,
         start=sha256,
@@ -138,11 +146,33 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         judged=judging,
         datasets_version=AVATARS_VERSION,
         curve=trained.looks,
+        blend=blend,
     )
     return _written(request, trained, (*before, sitting), judges)
 
 
+def _blended(
+    trained: Trained, start: Mapping[str, Tensor], share: float, judges: Samples
+) -> tuple[Trained, Blend]:
+    """The training with a blended network, and what that scores."""
+    import torch
+
+    from methods.normals.training.loop import judged
+    from methods.normals.training.starting import blended
+
+    network = blended(trained.network.cpu(), start, share)
+    angles = judged(network, judges, torch.device("cpu"))
+    blend = Blend(share, round(angles.front_deg, 3), round(angles.back_deg, 3))
+    return replace(trained, network=network), blend
+
+
 def _check_sources(request: TrainingRequest) -> None:
+    if request.blend and not (request.start and 0 < request.blend < 1):
+        raise HarnessError(
+            f"a network cannot be blended by {request.blend:g}",
+            expected="a share from 0 to below 1, of a network to start from",
+            hint="Give --from and another --blend, or leave out --blend",
+        )
     for source in request.sources:
         refuse(source.manifest, source.name, "training")
         if not 0 < request.held_out < len(source.subjects):

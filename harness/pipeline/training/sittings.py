@@ -16,10 +16,24 @@ from harness.core.errors import DataError, HarnessError
 from methods.normals.onnx_files import read_network
 from methods.normals.training.curve import Look
 
-__all__ = ["METADATA", "Sitting", "provenance", "sittings_of", "spans", "without_leaks"]
+__all__ = ["METADATA", "Blend", "Sitting", "provenance", "sittings_of", "spans", "without_leaks"]
 
 #: Under this name an ONNX file's metadata hold the list.
 METADATA = "sittings"
+
+
+@dataclass(frozen=True, slots=True)
+class Blend:
+    """How the weights that a sitting left were made from those that its training ended with.
+
+    Attributes:
+        share: Share of the weights that the sitting started from.
+        front_deg, back_deg: What the blended network scores where the curve is measured.
+    """
+
+    share: float
+    front_deg: float
+    back_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +47,7 @@ class Sitting:
         judged: Held-out subjects by dataset.
         datasets_version: Version of the generated people.
         curve: How it went.
+        blend: What became of the trained weights; None if they are the network's.
     """
 
     command: str
@@ -41,6 +56,7 @@ class Sitting:
     judged: Mapping[str, tuple[str, ...]]
     datasets_version: int
     curve: tuple[Look, ...]
+    blend: Blend | None = None
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -56,6 +72,8 @@ class Sitting:
             judged={name: tuple(ids) for name, ids in values["judged"].items()},
             datasets_version=values["datasets_version"],
             curve=tuple(Look(**row) for row in values["curve"]),
+            # Files of the first seven sittings do not have it.
+            blend=Blend(**values["blend"]) if values.get("blend") else None,
         )
 
 
@@ -166,7 +184,17 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
             f"{sitting.datasets_version}). These only judged: {judged}.\n",
         ]
         parts.append(_curve(sitting.curve))
+        if sitting.blend:
+            parts.append(_blending(sitting.blend))
     return "\n".join(parts)
+
+
+def _blending(blend: Blend) -> str:
+    return (
+        f"The weights that it left are {100 * blend.share:g} % those that it started from and "
+        f"{100 - 100 * blend.share:g} % those of the last step: {blend.front_deg:.2f} and "
+        f"{blend.back_deg:.2f} degrees.\n"
+    )
 
 
 def _curve(curve: Sequence[Look]) -> str:

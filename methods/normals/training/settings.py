@@ -76,7 +76,7 @@ class Windows:
     """
 
     strip_px: int = 256
-    near_share: float = 0.75
+    near_share: float = 0.5
     near_px: tuple[int, int] = (192, 256)
     rim_px: int = 24
 

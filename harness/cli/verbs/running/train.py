@@ -90,6 +90,15 @@ Start = Annotated[
         "random weights.",
     ),
 ]
+Blended = Annotated[
+    float,
+    typer.Option(
+        "--blend",
+        metavar="SHARE",
+        help="Share of the weights of --from in the finished network, from 0 to below 1. What "
+        "lies between two ends of one training is often better than either.",
+    ),
+]
 
 
 @app.command("normals")
@@ -105,6 +114,7 @@ def normals(
     output: Output = None,
     dataset: TrainingSets = "avatars-train",
     start: Start = "",
+    blend: Blended = 0.0,
     name: NetworkName = OPEN_NETWORK,
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
@@ -130,7 +140,10 @@ def normals(
         name=checked_name("network", name),
         command=f"harness train normals --dataset {dataset} --subjects {subjects} "
         f"--views {views} --steps {steps} --batch {batch} --rate {rate:g} --held-out {held_out} "
-        f"--seed {seed} --name {name}" + (f" --from {Path(start).name}" if start else ""),
+        f"--seed {seed} --name {name}"
+        + (f" --from {Path(start).name}" if start else "")
+        + (f" --blend {blend:g}" if blend else ""),
+        blend=blend,
     )
     with shown_progress(quiet=as_json) as progress:
         result = train_normals(request, progress)

@@ -22,7 +22,7 @@ from methods.normals.training.settings import (  # noqa: E402
     Turning,
     Windows,
 )
-from methods.normals.training.starting import started_from  # noqa: E402
+from methods.normals.training.starting import blended, started_from  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)
@@ -247,3 +247,19 @@ def test_a_training_starts_from_a_network_of_fewer_blocks(tmp_path):
     export_network(Mirrored(wider), tmp_path / "wider.onnx", {"name": "wider"})
     with pytest.raises(DataError, match="cannot start from"):
         started_from(tmp_path / "wider.onnx")
+
+
+def test_a_blend_lies_between_start_and_end():
+    torch.manual_seed(0)
+    start, end = NormalNetwork(), NormalNetwork()
+    state = {name: value for name, value in start.state_dict().items() if "look" not in name}
+    before = {name: value.clone() for name, value in end.state_dict().items()}
+    quarter = blended(end, state, 0.25).state_dict()
+    for name, value in quarter.items():
+        # Blocks that the start had not are as training left them.
+        wanted = before[name] if name not in state else 0.25 * state[name] + 0.75 * before[name]
+        torch.testing.assert_close(value, wanted)
+        torch.testing.assert_close(end.state_dict()[name], before[name], rtol=0, atol=0)
+    assert any("look" in name for name in quarter)
+    for name, value in blended(end, state, 0.0).state_dict().items():
+        torch.testing.assert_close(value, before[name], rtol=0, atol=0)

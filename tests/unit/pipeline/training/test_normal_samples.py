@@ -175,6 +175,7 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
         start=first.network,
         training=replace(request.training, steps=2, judge_every=1),
         directory=tmp_path / "second",
+        blend=0.5,
     )
     second = train_normals(again, Silent())
     both = sittings_of(second.network)
@@ -183,6 +184,15 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     page = second.provenance.read_text()
     assert page.count("harness train normals --steps 20") == 2
     assert "## Sitting 2" in page
+    assert both[0].blend is None
+    assert both[1].blend.share == 0.5
+    assert abs(both[1].blend.front_deg - first.front_deg) < 1.0
+    assert "50 % those that it started from" in page
+    for share in (1.0, -0.5):
+        with pytest.raises(HarnessError, match="cannot be blended"):
+            train_normals(replace(again, blend=share), Silent())
+    with pytest.raises(HarnessError, match="cannot be blended"):
+        train_normals(replace(again, start=None), Silent())
     # Neighbours in the curve: the second sitting goes on from where the first one ended.
     assert abs(both[1].curve[0].front_deg - first.front_deg) < 1.0
     turned = replace(source, subjects=("p2", "p1"))

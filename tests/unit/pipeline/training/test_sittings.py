@@ -1,10 +1,13 @@
 """What a network's file tells of its trainings."""
 
+from dataclasses import replace
+
 import pytest
 
 from harness.core.errors import DataError, HarnessError
 from harness.pipeline.training.sittings import (
     METADATA,
+    Blend,
     Sitting,
     provenance,
     sittings_of,
@@ -35,6 +38,18 @@ def test_runs_of_ids_are_spans():
 
 def test_a_sitting_comes_back_from_json():
     assert Sitting.from_dict(FIRST.to_dict()) == FIRST
+    blended = replace(SECOND, blend=Blend(0.5, 11.25, 12.5))
+    assert Sitting.from_dict(blended.to_dict()) == blended
+    # Files of before networks were blended say nothing of it.
+    told = {name: value for name, value in FIRST.to_dict().items() if name != "blend"}
+    assert Sitting.from_dict(told) == FIRST
+
+
+def test_a_page_says_what_was_blended():
+    page = provenance("mine", (FIRST, replace(SECOND, blend=Blend(0.25, 11.25, 12.5))))
+    assert "25 % those that it started from and 75 % those of the last step" in page
+    assert page.endswith("last step: 11.25 and 12.50 degrees.\n")
+    assert "started from and" not in provenance("mine", (FIRST, SECOND))
 
 
 def test_who_was_trained_on_cannot_judge_later():
