@@ -45,6 +45,9 @@ SMALL = {
     "narrow.sample_m": "0.003",
     "narrow.step_m": "0.001",
 }
+#: What a method needs beside that: the single sheet of ``econ`` leaves the largest gaps, and is
+#: fused at the depth that it has by default.
+OWN = {"econ": {"surface.poisson_depth": "10"}}
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0
 
@@ -139,7 +142,7 @@ def small(name: str, extra: dict[str, str] | None = None):
         for path in SMALL
         if path in parameters or path.partition(".")[2] in parameters.get(path.split(".")[0], {})
     }
-    settings = {path: SMALL[path] for path in known} | (extra or {})
+    settings = {path: SMALL[path] for path in known} | OWN.get(name, {}) | (extra or {})
     return ChosenMethod.of(name, settings).method
 
 
