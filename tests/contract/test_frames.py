@@ -45,8 +45,8 @@ SMALL = {
     "narrow.sample_m": "0.003",
     "narrow.step_m": "0.001",
 }
-#: What a method needs beside that: the single sheet of ``econ`` leaves the largest gaps, and is
-#: fused at the depth that it has by default.
+#: What a method needs beside that: at a depth of 9 the result of ``econ`` moves by 2.1 mm in the
+#: world that is turned, at the depth that it has by default by 0.4.
 OWN = {"econ": {"surface.poisson_depth": "10"}}
 #: How far a number may move: lattices of 1 cm lie otherwise in a world that is turned.
 MOST_MM = 2.0

@@ -119,7 +119,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     from methods.normals.training.samples import Samples
     from methods.normals.training.starting import started_from
 
-    _check_sources(request)
+    _check_request(request)
     before = () if request.start is None else sittings_of(request.start)
     start = None if request.start is None else started_from(request.start)
     sha256 = "" if request.start is None else file_sha256(request.start)
@@ -166,7 +166,7 @@ def _blended(
     return replace(trained, network=network), blend
 
 
-def _check_sources(request: TrainingRequest) -> None:
+def _check_request(request: TrainingRequest) -> None:
     if request.blend and not (request.start and 0 < request.blend < 1):
         raise HarnessError(
             f"a network cannot be blended by {request.blend:g}",
