@@ -61,6 +61,7 @@ class TrainingRequest:
         command: What a user runs to get the same network, for its provenance.
         name: What the network is called.
         blend: Share of the start's weights in the network, below 1; 0 without a start.
+        fold_gain: How many times as strong folds become in front; 1 leaves them.
     """
 
     sources: tuple[Source, ...]
@@ -73,6 +74,7 @@ class TrainingRequest:
     command: str = "harness train normals"
     name: str = OPEN_NETWORK
     blend: float = 0.0
+    fold_gain: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +149,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         datasets_version=AVATARS_VERSION,
         curve=trained.looks,
         blend=blend,
+        fold_gain=request.fold_gain,
     )
     return _written(request, trained, (*before, sitting), judges)
 
@@ -195,7 +198,8 @@ def _written(
     from methods.normals.training.network import Mirrored
 
     folder = request.directory
-    network, path = Mirrored(trained.network.cpu()), folder / f"{request.name}.onnx"
+    network = Mirrored(trained.network.cpu(), request.fold_gain)
+    path = folder / f"{request.name}.onnx"
     export_network(network, path, _about(request, sittings))
     write_text(folder / "PROVENANCE.md", provenance(request.name, sittings))
     front, back = measured(network, judges)

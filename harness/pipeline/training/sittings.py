@@ -48,6 +48,7 @@ class Sitting:
         datasets_version: Version of the generated people.
         curve: How it went.
         blend: What became of the trained weights; None if they are the network's.
+        fold_gain: How many times as strong the network's file makes folds in front.
     """
 
     command: str
@@ -57,6 +58,7 @@ class Sitting:
     datasets_version: int
     curve: tuple[Look, ...]
     blend: Blend | None = None
+    fold_gain: float = 1.0
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -72,8 +74,9 @@ class Sitting:
             judged={name: tuple(ids) for name, ids in values["judged"].items()},
             datasets_version=values["datasets_version"],
             curve=tuple(Look(**row) for row in values["curve"]),
-            # Files of the first seven sittings do not have it.
+            # Files of the first seven sittings have no blend, those of the first nine no gain.
             blend=Blend(**values["blend"]) if values.get("blend") else None,
+            fold_gain=values.get("fold_gain", 1.0),
         )
 
 
@@ -186,6 +189,11 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
         parts.append(_curve(sitting.curve))
         if sitting.blend:
             parts.append(_blending(sitting.blend))
+        if sitting.fold_gain != 1.0:
+            parts.append(
+                f"In its file, folds in front are {sitting.fold_gain:g} times as strong as the "
+                "weights make them.\n"
+            )
     return "\n".join(parts)
 
 

@@ -29,11 +29,11 @@ class FitErrors:
             some are bad.
     """
 
-    joint_deg: float = 1.4
-    root_deg: float = 0.8
-    place_m: float = 0.008
-    phenotype: float = 0.04
-    spread: float = 0.5
+    joint_deg: float = 0.7
+    root_deg: float = 0.4
+    place_m: float = 0.004
+    phenotype: float = 0.02
+    spread: float = 0.9
 
 
 def as_fitted(body: AnnyBody, truth: TrueParameters, errors: FitErrors, seed: int) -> Floats:

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from methods.normals.training.folds import StrongerFolds
+
 __all__ = ["MULTIPLE", "Answer", "Block", "Mirrored", "NormalNetwork"]
 
 #: Sides of the input are multiples of this.
@@ -162,13 +164,19 @@ def _packed(features: Tensor) -> Tensor:
 
 
 class Mirrored(nn.Module):
-    """A network's mean answer to a scene and to its mirror image, which have one truth."""
+    """A network's mean answer to a scene and to its mirror image, which have one truth.
+
+    Args:
+        network: The network.
+        fold_gain: How many times as strong the mean's folds become in front.
+    """
 
     turn: Tensor
 
-    def __init__(self, network: NormalNetwork) -> None:
+    def __init__(self, network: NormalNetwork, fold_gain: float = 1.0) -> None:
         super().__init__()
         self.network = network
+        self.stronger = StrongerFolds(fold_gain)
         self.register_buffer("turn", torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1))
 
     def forward(self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor) -> Answer:
@@ -187,4 +195,4 @@ class Mirrored(nn.Module):
         front_error, back_error = (
             (one + other.flip(3)) / 2.0 for one, other in zip(plain[2:], mirrored[2:], strict=True)
         )
-        return Answer(front, back, front_error, back_error)
+        return Answer(self.stronger(front, mask), back, front_error, back_error)

@@ -100,6 +100,17 @@ Blended = Annotated[
     ),
 ]
 
+FoldGain = Annotated[
+    float,
+    typer.Option(
+        "--fold-gain",
+        metavar="FACTOR",
+        min=0.0,
+        help="How many times as strong folds in front become in the network's answer. A network "
+        "that is unsure of a fold answers with a flatter one; 1 leaves it so.",
+    ),
+]
+
 
 @app.command("normals")
 def normals(
@@ -115,6 +126,7 @@ def normals(
     dataset: TrainingSets = "avatars-train",
     start: Start = "",
     blend: Blended = 0.0,
+    fold_gain: FoldGain = 1.0,
     name: NetworkName = OPEN_NETWORK,
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
@@ -142,8 +154,10 @@ def normals(
         f"--views {views} --steps {steps} --batch {batch} --rate {rate:g} --held-out {held_out} "
         f"--seed {seed} --name {name}"
         + (f" --from {Path(start).name}" if start else "")
-        + (f" --blend {blend:g}" if blend else ""),
+        + (f" --blend {blend:g}" if blend else "")
+        + (f" --fold-gain {fold_gain:g}" if fold_gain != 1.0 else ""),
         blend=blend,
+        fold_gain=fold_gain,
     )
     with shown_progress(quiet=as_json) as progress:
         result = train_normals(request, progress)

@@ -176,6 +176,7 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
         training=replace(request.training, steps=2, judge_every=1),
         directory=tmp_path / "second",
         blend=0.5,
+        fold_gain=1.25,
     )
     second = train_normals(again, Silent())
     both = sittings_of(second.network)
@@ -186,6 +187,7 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
     assert "## Sitting 2" in page
     assert both[0].blend is None
     assert both[1].blend.share == 0.5
+    assert [sitting.fold_gain for sitting in both] == [1.0, 1.25]
     assert abs(both[1].blend.front_deg - first.front_deg) < 1.0
     assert "50 % those that it started from" in page
     for share in (1.0, -0.5):

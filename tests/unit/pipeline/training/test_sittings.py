@@ -40,8 +40,11 @@ def test_a_sitting_comes_back_from_json():
     assert Sitting.from_dict(FIRST.to_dict()) == FIRST
     blended = replace(SECOND, blend=Blend(0.5, 11.25, 12.5))
     assert Sitting.from_dict(blended.to_dict()) == blended
-    # Files of before networks were blended say nothing of it.
-    told = {name: value for name, value in FIRST.to_dict().items() if name != "blend"}
+    stronger = replace(SECOND, fold_gain=1.3)
+    assert Sitting.from_dict(stronger.to_dict()) == stronger
+    # Files of before networks were blended, and had stronger folds, say nothing of it.
+    told = FIRST.to_dict()
+    del told["blend"], told["fold_gain"]
     assert Sitting.from_dict(told) == FIRST
 
 
@@ -50,6 +53,12 @@ def test_a_page_says_what_was_blended():
     assert "25 % those that it started from and 75 % those of the last step" in page
     assert page.endswith("last step: 11.25 and 12.50 degrees.\n")
     assert "started from and" not in provenance("mine", (FIRST, SECOND))
+
+
+def test_a_page_says_how_much_stronger_folds_are():
+    page = provenance("mine", (FIRST, replace(SECOND, fold_gain=1.25)))
+    assert page.endswith("folds in front are 1.25 times as strong as the weights make them.\n")
+    assert "as strong" not in provenance("mine", (FIRST, SECOND))
 
 
 def test_who_was_trained_on_cannot_judge_later():
