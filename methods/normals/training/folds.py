@@ -52,6 +52,12 @@ class StrongerFolds(nn.Module):
         """
         if math.isclose(self.gain, 1.0):
             return normals
+        # Folds are differences between numbers that are nearly equal. And the blur along rows, which
+        # takes 0.06 s for eight pictures, was not done after 100 s in bfloat16 on one processor.
+        with torch.autocast(normals.device.type, enabled=False):
+            return self._stronger(normals.float(), mask.float())
+
+    def _stronger(self, normals: Tensor, mask: Tensor) -> Tensor:
         unit = normals * (normals.square().sum(1, keepdim=True) + 1e-12).rsqrt()
         blurred = self._blurred(torch.cat([unit * mask, mask], dim=1))
         slow, share = blurred.split((3, 1), dim=1)

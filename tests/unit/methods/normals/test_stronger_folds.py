@@ -62,6 +62,15 @@ def test_lengths_of_the_answer_do_not_matter():
     torch.testing.assert_close(StrongerFolds(1.5)(3.0 * normals, mask), once, atol=1e-5, rtol=0)
 
 
+def test_half_precision_around_it_changes_nothing():
+    normals, mask = wave(0.05, 16.0)
+    once = StrongerFolds(1.5)(normals, mask)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = StrongerFolds(1.5)(normals, mask)
+    assert found.dtype == torch.float32
+    assert torch.equal(found, once)
+
+
 def test_the_exported_file_has_stronger_folds(tmp_path):
     torch.manual_seed(0)
     network = NormalNetwork(8, (16, 24, 24, 32))
