@@ -52,8 +52,8 @@ class StrongerFolds(nn.Module):
         """
         if math.isclose(self.gain, 1.0):
             return normals
-        # Folds are differences between numbers that are nearly equal. And the blur along rows, which
-        # takes 0.06 s for eight pictures, was not done after 100 s in bfloat16 on one processor.
+        # Folds are differences between numbers that are nearly equal. And on one processor the blur
+        # along rows was not done after 100 s in bfloat16, which takes 0.06 s for eight pictures.
         with torch.autocast(normals.device.type, enabled=False):
             return self._stronger(normals.float(), mask.float())
 
