@@ -1,8 +1,8 @@
 """Folds of a map made stronger: a network that is unsure of a fold answers with a flatter one.
 
-What is least off on average is flatter than the truth wherever the place of a fold is in doubt, and
-surfaces made of such maps look ironed. What a blur takes away from a map can be given back with a
-factor: in directions that are right it comes nearer to the truth, in others further from it.
+What is least off on average is flatter than the truth wherever the place of a fold is in doubt.
+What a blur takes away from a map is given back with a factor: where its direction is right it comes
+nearer to the truth, elsewhere further from it.
 """
 
 from __future__ import annotations
