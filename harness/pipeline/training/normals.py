@@ -61,7 +61,8 @@ class TrainingRequest:
         command: What a user runs to get the same network, for its provenance.
         name: What the network is called.
         blend: Share of the start's weights in the network, below 1; 0 without a start.
-        fold_gain: How many times as strong folds become in front; 1 leaves them.
+        fold_gain: How many times as strong folds become in front where the network is unsure; 1
+            leaves all folds.
     """
 
     sources: tuple[Source, ...]

@@ -48,7 +48,8 @@ class Sitting:
         datasets_version: Version of the generated people.
         curve: How it went.
         blend: What became of the trained weights; None if they are the network's.
-        fold_gain: How many times as strong the network's file makes folds in front.
+        fold_gain: How many times as strong the network's file makes folds in front where it is
+            unsure.
     """
 
     command: str
@@ -191,8 +192,8 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
             parts.append(_blending(sitting.blend))
         if sitting.fold_gain != 1.0:
             parts.append(
-                f"In its file, folds in front are {sitting.fold_gain:g} times as strong as the "
-                "weights make them.\n"
+                f"In its file, folds in front are up to {sitting.fold_gain:g} times as strong as "
+                "the weights make them: the more, the less sure the network is.\n"
             )
     return "\n".join(parts)
 

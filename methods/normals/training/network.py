@@ -168,7 +168,8 @@ class Mirrored(nn.Module):
 
     Args:
         network: The network.
-        fold_gain: How many times as strong the mean's folds become in front.
+        fold_gain: How many times as strong the mean's folds become in front where the network is
+            unsure; less elsewhere.
     """
 
     turn: Tensor
@@ -195,4 +196,4 @@ class Mirrored(nn.Module):
         front_error, back_error = (
             (one + other.flip(3)) / 2.0 for one, other in zip(plain[2:], mirrored[2:], strict=True)
         )
-        return Answer(self.stronger(front, mask), back, front_error, back_error)
+        return Answer(self.stronger(front, front_error, mask), back, front_error, back_error)

@@ -106,8 +106,9 @@ FoldGain = Annotated[
         "--fold-gain",
         metavar="FACTOR",
         min=0.0,
-        help="How many times as strong folds in front become in the network's answer. A network "
-        "that is unsure of a fold answers with a flatter one; 1 leaves it so.",
+        help="How many times as strong folds in front become in the network's answer where it "
+        "expects to be 15 degrees off or more, and less where it is surer. A network that is "
+        "unsure of a fold answers with a flatter one; 1 leaves it so.",
     ),
 ]
 

@@ -27,46 +27,70 @@ def wave(slope, length_px):
     return normals[None, :, None].repeat(1, 1, SIZE, 1), torch.ones(1, 1, SIZE, SIZE)
 
 
+def expected(degrees, mask):
+    """Errors that a network expects, the same at all pixels of a mask and greater beside it."""
+    return math.radians(degrees) * (2.0 - mask)
+
+
+def stronger(gain, normals, mask, degrees=20.0):
+    return StrongerFolds(gain)(normals, expected(degrees, mask), mask)
+
+
 @pytest.mark.parametrize("gain", [0.5, 1.3, 2.0])
 @pytest.mark.parametrize("length_px", [6.0, 16.0, 40.0])
-def test_a_wave_grows_by_what_the_blur_takes_from_it(gain, length_px):
+@pytest.mark.parametrize(
+    ("degrees", "share"), [(40.0, 1.0), (15.0, 1.0), (12.0, 0.64), (3.0, 0.04)]
+)
+def test_a_wave_grows_by_what_the_blur_takes_and_by_how_unsure_the_network_is(
+    gain, length_px, degrees, share
+):
     normals, mask = wave(0.05, length_px)
-    found = torch.nn.functional.normalize(StrongerFolds(gain)(normals, mask), dim=1)
-    kept = math.exp(-0.5 * (2 * math.pi / length_px * BLUR_PX) ** 2)
-    wanted = 1.0 + (gain - 1.0) * (1.0 - kept)
+    found = torch.nn.functional.normalize(stronger(gain, normals, mask, degrees), dim=1)
+    taken = 1.0 - math.exp(-0.5 * (2 * math.pi / length_px * BLUR_PX) ** 2)
+    wanted = 1.0 + (gain - 1.0) * share * taken
     size = found[0, 0, INSIDE, INSIDE].abs().max() / normals[0, 0, INSIDE, INSIDE].abs().max()
     assert float(size) == pytest.approx(wanted, rel=0.01)
 
 
+def test_each_map_of_a_batch_has_a_factor_of_its_own():
+    normals, mask = wave(0.3, 16.0)
+    errors = [expected(degrees, mask) for degrees in (5.0, 20.0)]
+    twice = (torch.cat([normals] * 2), torch.cat(errors), torch.cat([mask] * 2))
+    both = StrongerFolds(1.5)(*twice)
+    for one, error in zip(both.split(1), errors, strict=True):
+        torch.testing.assert_close(one, StrongerFolds(1.5)(normals, error, mask))
+    assert (both[0] - both[1]).abs().max() > 0.01
+
+
 def test_a_plane_stays_and_so_does_everything_with_a_gain_of_one():
     normals, mask = wave(0.0, 10.0)
-    torch.testing.assert_close(StrongerFolds(1.7)(normals, mask), normals, atol=1e-6, rtol=0)
+    torch.testing.assert_close(stronger(1.7, normals, mask), normals, atol=1e-6, rtol=0)
     waving, _ = wave(0.3, 10.0)
-    assert StrongerFolds(1.0)(waving, mask) is waving
+    assert stronger(1.0, waving, mask) is waving
 
 
 def test_normals_at_the_edge_and_beside_the_subject_stay():
     normals, mask = wave(0.3, 16.0)
     mask[..., :40] = 0.0
-    found = StrongerFolds(1.5)(normals, mask)
+    found = stronger(1.5, normals, mask)
     # Three pixels: there a fifth of the blur is on the other side.
     torch.testing.assert_close(found[..., :43], normals[..., :43], atol=1e-6, rtol=0)
-    whole = StrongerFolds(1.5)(normals, torch.ones_like(mask))
+    whole = stronger(1.5, normals, torch.ones_like(mask))
     torch.testing.assert_close(found[..., 54:], whole[..., 54:], atol=1e-5, rtol=0)
     assert (whole - found)[..., 43:50].abs().max() > 0.01
 
 
 def test_lengths_of_the_answer_do_not_matter():
     normals, mask = wave(0.3, 16.0)
-    once = StrongerFolds(1.5)(normals, mask)
-    torch.testing.assert_close(StrongerFolds(1.5)(3.0 * normals, mask), once, atol=1e-5, rtol=0)
+    once = stronger(1.5, normals, mask)
+    torch.testing.assert_close(stronger(1.5, 3.0 * normals, mask), once, atol=1e-5, rtol=0)
 
 
 def test_half_precision_around_it_changes_nothing():
     normals, mask = wave(0.05, 16.0)
-    once = StrongerFolds(1.5)(normals, mask)
+    once = stronger(1.5, normals, mask)
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        found = StrongerFolds(1.5)(normals, mask)
+        found = stronger(1.5, normals, mask)
     assert found.dtype == torch.float32
     assert torch.equal(found, once)
 
