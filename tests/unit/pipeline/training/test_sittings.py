@@ -57,8 +57,10 @@ def test_a_page_says_what_was_blended():
 
 def test_a_page_says_how_much_stronger_folds_are():
     page = provenance("mine", (FIRST, replace(SECOND, fold_gain=1.25)))
-    assert "up to 1.25 times as strong as the weights make them" in page
-    assert page.endswith("the less sure the network is.\n")
+    assert page.endswith(
+        "In its file, folds in front are up to 1.25 times as strong as the weights make them: "
+        "the more, the less sure the network is.\n"
+    )
     assert "as strong" not in provenance("mine", (FIRST, SECOND))
 
 
