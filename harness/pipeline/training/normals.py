@@ -196,10 +196,10 @@ def _written(
     from methods.normals.training.calibration import measured, write_reliability
     from methods.normals.training.export import export_network
     from methods.normals.training.loop import judged
-    from methods.normals.training.network import Mirrored
+    from methods.normals.training.network import Averaged
 
     folder = request.directory
-    network = Mirrored(trained.network.cpu(), request.fold_gain)
+    network = Averaged(trained.network.cpu(), request.fold_gain)
     path = folder / f"{request.name}.onnx"
     export_network(network, path, _about(request, sittings))
     write_text(folder / "PROVENANCE.md", provenance(request.name, sittings))

@@ -55,6 +55,8 @@ def export_network(network: nn.Module, path: Path, about: Mapping[str, str]) -> 
         with warnings.catch_warnings():
             # The newer exporter needs another package for the same graph.
             warnings.simplefilter("ignore", DeprecationWarning)
+            # How far a picture is padded stays a few steps of integers, which cost nothing.
+            warnings.filterwarnings("ignore", "Constant folding", UserWarning)
             torch.onnx.export(
                 network,
                 example,

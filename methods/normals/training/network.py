@@ -10,6 +10,7 @@ width that 32 divides.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -17,7 +18,7 @@ from torch import Tensor, nn
 
 from methods.normals.training.folds import StrongerFolds
 
-__all__ = ["MULTIPLE", "Answer", "Block", "Mirrored", "NormalNetwork"]
+__all__ = ["MULTIPLE", "Answer", "Averaged", "Block", "NormalNetwork"]
 
 #: Sides of the input are multiples of this.
 MULTIPLE = 32
@@ -26,6 +27,9 @@ _CHANNELS = 3 + 1 + 3 + 3
 #: Both sides' normals, and the logarithms of their expected errors.
 _ANSWERS = 3 + 3 + 1 + 1
 _HEADS = 4
+#: Pixels added at the left, right, top and bottom of a picture that is moved: no multiple of a
+#: coarser pixel's side, but together one of the coarsest.
+_MOVE = (13, MULTIPLE - 13, 3, MULTIPLE - 3)
 #: At the start every normal is expected to be 20 degrees off.
 _FIRST_ERROR = -1.05
 
@@ -163,8 +167,10 @@ def _packed(features: Tensor) -> Tensor:
     return features.contiguous(memory_format=torch.channels_last)
 
 
-class Mirrored(nn.Module):
-    """A network's mean answer to a scene and to its mirror image, which have one truth.
+class Averaged(nn.Module):
+    """A network's mean answer to a picture, its mirror image, and both moved by a few pixels.
+
+    All four have one truth. A picture that is moved meets the network's coarser pixels elsewhere.
 
     Args:
         network: The network.
@@ -182,18 +188,22 @@ class Mirrored(nn.Module):
 
     def forward(self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor) -> Answer:
         """As ``NormalNetwork.forward``."""
-        plain = self.network(image, mask, body_front, body_back)
-        mirrored = self.network(
-            image.flip(3),
-            mask.flip(3),
-            body_front.flip(3) * self.turn,
-            body_back.flip(3) * self.turn,
-        )
-        front, back = (
-            (one + other.flip(3) * self.turn) / 2.0
-            for one, other in zip(plain[:2], mirrored[:2], strict=True)
-        )
-        front_error, back_error = (
-            (one + other.flip(3)) / 2.0 for one, other in zip(plain[2:], mirrored[2:], strict=True)
+        scene = (image, mask, body_front, body_back)
+        turned = (image.flip(3), mask.flip(3), self._turned(body_front), self._turned(body_back))
+        answers = list(self._here_and_moved(*scene))
+        for front, back, front_error, back_error in self._here_and_moved(*turned):
+            sides = self._turned(front), self._turned(back)
+            answers.append(Answer(*sides, front_error.flip(3), back_error.flip(3)))
+        front, back, front_error, back_error = (
+            torch.stack(same).mean(0) for same in zip(*answers, strict=True)
         )
         return Answer(self.stronger(front, front_error, mask), back, front_error, back_error)
+
+    def _turned(self, normals: Tensor) -> Tensor:
+        return normals.flip(3) * self.turn
+
+    def _here_and_moved(self, *scene: Tensor) -> Iterator[Answer]:
+        yield self.network(*scene)
+        answer = self.network(*(nn.functional.pad(channels, _MOVE) for channels in scene))
+        left, right, top, bottom = _MOVE
+        yield Answer(*(channels[..., top:-bottom, left:-right] for channels in answer))

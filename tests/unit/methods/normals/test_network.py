@@ -9,7 +9,7 @@ from harness.core.errors import DataError  # noqa: E402
 from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
 from methods.normals.training import starting  # noqa: E402
 from methods.normals.training.export import export_network  # noqa: E402
-from methods.normals.training.network import MULTIPLE, Mirrored, NormalNetwork  # noqa: E402
+from methods.normals.training.network import MULTIPLE, Answer, Averaged, NormalNetwork  # noqa: E402
 
 ABOUT = {"name": "test", "licence": "CC0-1.0", "training_set": "none", "window": "mask"}
 
@@ -65,13 +65,38 @@ def test_a_mirrored_scene_has_the_mirrored_answer(stirred):
     turn = torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1)
     image, mask, front, back = inputs(MULTIPLE, 2 * MULTIPLE)
     mirrored = (image.flip(3), mask.flip(3), front.flip(3) * turn, back.flip(3) * turn)
-    both = Mirrored(stirred)
+    both = Averaged(stirred)
     for plain, other in zip(both(image, mask, front, back), both(*mirrored), strict=True):
         turned = other.flip(3) * (turn if other.shape[1] == 3 else 1.0)
         torch.testing.assert_close(plain, turned, atol=1e-5, rtol=1e-4)
     assert (
         stirred(image, mask, front, back)[0] - both(image, mask, front, back)[0]
     ).abs().max() > 0.01
+
+
+class Grid(torch.nn.Module):
+    """Answers with the body, and in front with a grid that stays where it is and not the photo."""
+
+    def forward(self, image, mask, body_front, body_back):
+        error = torch.full_like(mask, 0.1)
+        grid = torch.zeros_like(body_front)
+        grid[..., ::MULTIPLE, ::MULTIPLE] = 1.0
+        return Answer(body_front + grid, body_back, error, 2.0 * error)
+
+
+def test_what_comes_from_the_networks_own_grid_is_averaged_away():
+    image, mask, front, back = inputs(2 * MULTIPLE, 3 * MULTIPLE)
+    found = Averaged(Grid())(image, mask, front, back)
+    torch.testing.assert_close(found.back, back)
+    torch.testing.assert_close(found.front_error, torch.full_like(mask, 0.1))
+    torch.testing.assert_close(found.back_error, torch.full_like(mask, 0.2))
+    # In the picture, in the one that is moved, and in the mirror images of both.
+    up, across = MULTIPLE - 3, MULTIPLE - 13
+    places = [(0, 0), (up, across), (0, MULTIPLE - 1), (up, MULTIPLE - 1 - across)]
+    wanted = torch.zeros_like(mask[0, 0])
+    for row, column in places:
+        wanted[row::MULTIPLE, column::MULTIPLE] = 0.25
+    torch.testing.assert_close((found.front - front)[0, 1], wanted, atol=1e-6, rtol=0)
 
 
 def test_the_shipped_file_fits_in_twenty_megabytes():
@@ -82,7 +107,7 @@ def test_the_shipped_file_fits_in_twenty_megabytes():
 
 def test_another_training_can_start_from_the_exported_file(stirred, tmp_path, monkeypatch):
     monkeypatch.setattr(starting, "NormalNetwork", lambda: NormalNetwork(8, (16, 24, 24, 32)))
-    export_network(Mirrored(stirred), tmp_path / "network.onnx", ABOUT)
+    export_network(Averaged(stirred), tmp_path / "network.onnx", ABOUT)
     found = starting.started_from(tmp_path / "network.onnx")
     assert set(found) == set(stirred.state_dict())
     for name, value in stirred.state_dict().items():
@@ -97,7 +122,7 @@ def test_another_training_can_start_from_the_exported_file(stirred, tmp_path, mo
 
 def test_the_exported_file_is_an_estimator(stirred, tmp_path):
     path = tmp_path / "network.onnx"
-    export_network(Mirrored(stirred), path, ABOUT)
+    export_network(Averaged(stirred), path, ABOUT)
     estimator = OnnxNormals(path)
     assert (estimator.part.name, estimator.part.licence) == ("test", "CC0-1.0")
     draw = np.random.default_rng(0)

@@ -14,7 +14,7 @@ from harness.core.errors import DataError, HarnessError  # noqa: E402
 from methods.normals.training import loop  # noqa: E402
 from methods.normals.training.export import export_network  # noqa: E402
 from methods.normals.training.loop import judged, train  # noqa: E402
-from methods.normals.training.network import Mirrored, NormalNetwork  # noqa: E402
+from methods.normals.training.network import Averaged, NormalNetwork  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
 from methods.normals.training.settings import (  # noqa: E402
     FaultShares,
@@ -234,7 +234,7 @@ def test_a_training_starts_from_a_network_of_fewer_blocks(tmp_path):
     with torch.no_grad():
         for parameter in shallow.parameters():
             parameter.add_(0.01 * torch.randn_like(parameter))
-    export_network(Mirrored(shallow), tmp_path / "shallow.onnx", {"name": "shallow"})
+    export_network(Averaged(shallow), tmp_path / "shallow.onnx", {"name": "shallow"})
     found = started_from(tmp_path / "shallow.onnx")
     deep = NormalNetwork()
     deep.load_state_dict({**deep.state_dict(), **found})
@@ -244,7 +244,7 @@ def test_a_training_starts_from_a_network_of_fewer_blocks(tmp_path):
         for mine, yours in zip(deep(*scene), shallow.eval()(*scene), strict=True):
             torch.testing.assert_close(mine, yours, rtol=0, atol=2e-3)
     wider = NormalNetwork(fine=32)
-    export_network(Mirrored(wider), tmp_path / "wider.onnx", {"name": "wider"})
+    export_network(Averaged(wider), tmp_path / "wider.onnx", {"name": "wider"})
     with pytest.raises(DataError, match="cannot start from"):
         started_from(tmp_path / "wider.onnx")
 
