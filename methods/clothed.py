@@ -289,7 +289,7 @@ class ClothedMethod:
         choice, caster = self.settings.normal_choice, Raycaster(skin)
         maps = []
         for index in self._plan.views:
-            view = working_view(capture, index, self.settings.resolution)
+            view = working_view(capture, index, self.settings.resolution, choice.side_px)
             estimator = choice.estimator(view.camera, context.privileged)
             maps.append(view_maps(view, caster, estimator))
         return maps

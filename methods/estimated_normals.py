@@ -42,7 +42,9 @@ class EstimatedNormals:
     def __init__(self, capture: Capture, views: Views, faces: Ints32, choice: NormalChoice) -> None:
         self._faces = faces
         self._cameras = [view.camera for view in views.views]
-        self._windows = [working_view(capture, view.index, _RESOLUTION) for view in views.views]
+        self._windows = [
+            working_view(capture, view.index, _RESOLUTION, choice.side_px) for view in views.views
+        ]
         self._estimators = [choice.estimator(window.camera, {}) for window in self._windows]
 
     def __call__(self, vertices: Floats) -> list[Floats]:

@@ -117,6 +117,15 @@ class NormalChoice:
         name = {"body": "normals of the fitted body", "oracle": "normals of the scan"}[self.kind]
         return Part("normal estimator", name, "none needed")
 
+    @property
+    def side_px(self) -> int:
+        """Side of the square that the estimator asks for, pixels; 0 if it takes any.
+
+        Raises:
+            MissingPart, DataError: as ``part``.
+        """
+        return self._network().side_px if self.kind in ("open", "onnx") else 0
+
     def estimator(self, camera: Camera, privileged: Mapping[str, Any]) -> NormalEstimator:
         """The estimator for the pictures of one camera.
 

@@ -12,7 +12,9 @@ metadata says:
 * optionally ``body_background``: the value that body maps have where there is no body, 0 unless
   given (ECON's networks were trained with 0.00392);
 * optionally ``window``: ``mask`` if the network was trained on windows around the subject
-  (``methods/normals/window.py``) and has to run on such; without it, it gets the whole picture.
+  (``methods/normals/window.py``) and has to run on such; without it, it gets the whole picture;
+* optionally ``side_px``: the side of the square around the subject that it was trained on, where it
+  has to have that; without it, it gets the method's own.
 """
 
 from __future__ import annotations
@@ -41,6 +43,8 @@ _OUTPUTS = ("front", "back")
 _OPTIONAL_OUTPUTS = ("front_error", "back_error")
 #: Three times 32: a network that halves more often than five times fails on it.
 _TRIAL_PX = 96
+#: No network is asked for a larger picture.
+_LARGEST_PX = 4096
 
 
 class OnnxNormals:
@@ -49,6 +53,7 @@ class OnnxNormals:
     Attributes:
         part: The network, as records name it.
         training_set: What it was trained on, as it says itself; empty if it does not.
+        side_px: Side of the square that it asks for, pixels; 0 if it takes any.
 
     Raises:
         MissingPart: onnxruntime is not installed.
@@ -71,6 +76,7 @@ class OnnxNormals:
         self._says_errors = set(outputs) >= set(_OPTIONAL_OUTPUTS)
         self._background = _background(path, about)
         self._around_mask = _around_mask(path, about)
+        self.side_px = _side(path, about)
         self.training_set: str = about.get("training_set", "")
         self.part = Part("normal estimator", about["name"], about["licence"], network_sha256(path))
 
@@ -189,6 +195,17 @@ def _around_mask(path: Path, about: Mapping[str, str]) -> bool:
             f"{path} wants a window that is not known", expected="window 'mask' or none", got=window
         )
     return window == "mask"
+
+
+def _side(path: Path, about: Mapping[str, str]) -> int:
+    text = about.get("side_px", "0")
+    if not text.isdecimal() or int(text) > _LARGEST_PX:
+        raise DataError(
+            f"{path} has metadata that are not right",
+            expected=f"a side of the picture, up to {_LARGEST_PX} pixels",
+            got=text,
+        )
+    return int(text)
 
 
 def _batch(array: Floats) -> NDArray[np.float32]:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.errors import MethodError
-from harness.core.protocols import NormalEstimator
+from harness.core.protocols import EstimatedNormals, NormalEstimator
+from harness.geometry.images import resampled
 from harness.geometry.raycast import Raycaster
 from methods.normals.working_view import WorkingView
 
@@ -65,14 +66,11 @@ def view_maps(view: WorkingView, body: Raycaster, estimator: NormalEstimator) ->
         )
     body_front = body.normals_at(near, view.camera)
     body_back = body.normals_at(far, view.camera)
-    found = estimator(view.rgb, view.mask.astype(np.float64), body_front, body_back)
-    for name, normals in (("front", found.front), ("back", found.back)):
-        if normals.shape != (*view.mask.shape, 3) or not np.isfinite(normals).all():
-            raise MethodError(
-                f"the estimator's {name} normals of view {view.index} cannot be used",
-                expected=f"finite numbers of shape {(*view.mask.shape, 3)}",
-                got=f"shape {normals.shape}, finite {bool(np.isfinite(normals).all())}",
-            )
+    if view.asked is None:
+        found = _estimated(view, body_front, body_back, estimator)
+    else:
+        front, back = (body.normals(view.asked.camera, side) for side in ("near", "far"))
+        found = _reduced(_estimated(view.asked, front, back, estimator), view.asked, view)
     return ViewMaps(
         view=view,
         front=filled_normals(found.front, view.mask),
@@ -82,6 +80,40 @@ def view_maps(view: WorkingView, body: Raycaster, estimator: NormalEstimator) ->
         body_near_m=near.depth,
         body_far_m=far.depth,
         front_error_deg=found.front_error_deg,
+    )
+
+
+def _estimated(
+    view: WorkingView, body_front: Floats, body_back: Floats, estimator: NormalEstimator
+) -> EstimatedNormals:
+    """An estimator's answer, checked."""
+    found = estimator(view.rgb, view.mask.astype(np.float64), body_front, body_back)
+    for name, normals in (("front", found.front), ("back", found.back)):
+        if normals.shape != (*view.mask.shape, 3) or not np.isfinite(normals).all():
+            raise MethodError(
+                f"the estimator's {name} normals of view {view.index} cannot be used",
+                expected=f"finite numbers of shape {(*view.mask.shape, 3)}",
+                got=f"shape {normals.shape}, finite {bool(np.isfinite(normals).all())}",
+            )
+    return found
+
+
+def _reduced(found: EstimatedNormals, asked: WorkingView, view: WorkingView) -> EstimatedNormals:
+    """Maps of the size that an estimator asked for on the pixels of a view."""
+    size = (view.camera.width, view.camera.height)
+
+    def error(degrees: Floats | None) -> Floats | None:
+        if degrees is None:
+            return None
+        inside = asked.mask.astype(np.float64)
+        share = np.maximum(resampled(inside, size, "bilinear"), 1e-6)
+        return np.where(view.mask, resampled(degrees * inside, size, "bilinear") / share, 0.0)
+
+    return EstimatedNormals(
+        resampled(found.front, size, "bilinear"),
+        resampled(found.back, size, "bilinear"),
+        error(found.front_error_deg),
+        error(found.back_error_deg),
     )
 
 

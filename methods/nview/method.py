@@ -236,7 +236,8 @@ class FusedMethod:
         given: list[FusionView] = []
         shown: list[ViewMaps] = []
         for view in views:
-            picture = working_view(capture, view.index, self.settings.resolution)
+            resolution = self.settings.resolution
+            picture = working_view(capture, view.index, resolution, choice.side_px)
             estimator = choice.estimator(picture.camera, context.privileged)
             maps = view_maps(picture, caster, estimator)
             given.append(view.with_targets(_targets(maps, self.settings.trusted_deg)))

@@ -59,14 +59,20 @@ def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
     if asked.source.is_generated:
         asked.source.make_avatar(subject)
     scan, mesh = asked.source.load(subject)
-    estimators: dict[str, NormalEstimator] = {BODY: BodyNormals()}
-    estimators |= {name: installed.loaded(path) for name, path in asked.networks.items()}
     studio, settings = Studio(scan, mesh, asked.settings.seed), asked.settings
-    found: dict[str, list[NormalsJudgement]] = {name: [] for name in estimators}
+    # Each at the size that it asks for: the scenes are the same.
+    estimators: dict[SampleSettings, dict[str, NormalEstimator]] = {settings: {BODY: BodyNormals()}}
+    for name, path in asked.networks.items():
+        network = installed.loaded(path)
+        size = settings.of_detail() if network.side_px else settings
+        estimators.setdefault(size, {})[name] = network
+    found: dict[str, list[NormalsJudgement]] = {name: [] for name in (BODY, *asked.networks)}
     for view in range(settings.views):
-        pair = studio.pair(settings, derive_seed(settings.seed, "judge", scan.subject, view))
-        for name, estimator in estimators.items():
-            found[name].append(judged_pair(pair, estimator))
+        seed = derive_seed(settings.seed, "judge", scan.subject, view)
+        for size, some in estimators.items():
+            pair = studio.pair(size, seed)
+            for name, estimator in some.items():
+                found[name].append(judged_pair(pair, estimator))
         report(view + 1, settings.views)
     return {name: NormalsJudgement.mean(each).to_dict() for name, each in found.items()}
 

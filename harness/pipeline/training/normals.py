@@ -8,19 +8,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.core.array_files.npz import read_array_npz
-from harness.core.errors import DataError, HarnessError
-from harness.core.files.atomic import exclusive_lock, remove_leftovers, write_text
+from harness.core.errors import HarnessError
+from harness.core.files.atomic import write_text
 from harness.core.files.hashing import file_sha256
-from harness.core.process.interrupts import in_threads
-from harness.core.process.workers import run_worker
 from harness.data.avatars import AVATARS_VERSION
 from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
-from harness.pipeline.progress import Progress, counted
+from harness.pipeline.progress import Progress
 from harness.pipeline.training.reliability import draw_reliability
-from harness.pipeline.training.sample_worker import SampleJob
-from harness.pipeline.training.samples import SampleSettings, samples_key
+from harness.pipeline.training.sample_files import SampleFiles, with_first_answers
+from harness.pipeline.training.samples import SampleSettings
 from harness.pipeline.training.sittings import (
     METADATA,
     Blend,
@@ -34,15 +31,14 @@ from methods.normals.installed import OPEN_NETWORK
 from methods.normals.training.settings import TrainingSettings
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from torch import Tensor, nn
 
     from methods.normals.training.loop import Trained
     from methods.normals.training.samples import Samples
 
-__all__ = ["TrainingRequest", "TrainingResult", "ensure_samples", "train_normals"]
+__all__ = ["TrainingRequest", "TrainingResult", "train_normals"]
 
-_WORKER = "harness.pipeline.training.sample_worker"
-_SAMPLES, _STEPS = "samples", "steps"
+_STEPS = "steps"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +47,8 @@ class TrainingRequest:
 
     Attributes:
         sources: Training subjects, by dataset; the recipe does not matter.
-        samples: Which samples of each.
-        training: How the network is trained.
+        samples: Which samples of each, as the first network sees them.
+        training: How the first network is trained.
         directory: Where checkpoint, curve, network and provenance are written.
         held_out: How many of each dataset's subjects, the last ones, only judge the network.
         jobs: Subjects that are sampled in parallel.
@@ -63,6 +59,8 @@ class TrainingRequest:
         blend: Share of the start's weights in the network, below 1; 0 without a start.
         fold_gain: How many times as strong folds become in front where the network is unsure; 1
             leaves all folds.
+        detail: Whether the second network is trained, which sees the person larger and has its own
+            form of both settings; the first one of ``start`` stays as it is.
     """
 
     sources: tuple[Source, ...]
@@ -76,6 +74,7 @@ class TrainingRequest:
     name: str = OPEN_NETWORK
     blend: float = 0.0
     fold_gain: float = 1.0
+    detail: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +88,7 @@ class TrainingResult:
         calibration: Expected against true errors, PNG; a CSV lies beside it.
         front_calibration_deg, back_calibration_deg: Mean distance between the two.
         front_deg, back_deg: Mean errors of the normals.
-        body_front_deg, body_back_deg: Those of the bodies that the network was given.
+        body_front_deg, body_back_deg: Those of the bodies that it was given.
     """
 
     network: Path
@@ -118,19 +117,32 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         MissingPart: PyTorch or onnx is not installed.
     """
     # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
+    from methods.normals.training.first_answers import FirstAnswers
     from methods.normals.training.loop import train
+    from methods.normals.training.networks.starting import started_from
     from methods.normals.training.samples import Samples
-    from methods.normals.training.starting import started_from
 
     _check_request(request)
+    if request.detail:
+        samples, training = request.samples.of_detail(), request.training.of_detail()
+        request = replace(request, samples=samples, training=training)
     before = () if request.start is None else sittings_of(request.start)
-    start = None if request.start is None else started_from(request.start)
+    start = None if request.start is None else started_from(request.start, detail=request.detail)
     sha256 = "" if request.start is None else file_sha256(request.start)
-    split = [_split(source, request, progress) for source in request.sources]
+    split = tuple(
+        SampleFiles.ensured(source, request.samples, request.held_out, request.jobs, progress)
+        for source in request.sources
+    )
     judging = {part.dataset: tuple(part.judging) for part in split}
     without_leaks(before, judging)
+    # What the whole network is judged on, whichever part of it is trained.
+    people = Samples.load([path for part in split for path in part.judging.values()])
+    judges = people
+    if request.detail and request.start:
+        folder = request.sources[0].workspace.root / "samples" / "first-answers"
+        split = with_first_answers(split, FirstAnswers(request.start), folder, progress)
+        judges = Samples.load([path for part in split for path in part.judging.values()])
     progress.expect(_STEPS, request.training.steps)
-    judges = Samples.load([path for part in split for path in part.judging.values()])
     trained = train(
         Samples.load([path for part in split for path in part.training.values()]),
         judges,
@@ -151,8 +163,9 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         curve=trained.looks,
         blend=blend,
         fold_gain=request.fold_gain,
+        detail=request.detail,
     )
-    return _written(request, trained, (*before, sitting), judges)
+    return _written(request, trained, (*before, sitting), people)
 
 
 def _blended(
@@ -162,7 +175,7 @@ def _blended(
     import torch
 
     from methods.normals.training.loop import judged
-    from methods.normals.training.starting import blended
+    from methods.normals.training.networks.starting import blended
 
     network = blended(trained.network.cpu(), start, share)
     angles = judged(network, judges, torch.device("cpu"))
@@ -177,6 +190,12 @@ def _check_request(request: TrainingRequest) -> None:
             expected="a share from 0 to below 1, of a network to start from",
             hint="Give --from and another --blend, or leave out --blend",
         )
+    if request.detail and request.start is None:
+        raise HarnessError(
+            "a second network cannot be trained without a first one",
+            expected="a network to start from",
+            hint="Name it with --from",
+        )
     for source in request.sources:
         refuse(source.manifest, source.name, "training")
         if not 0 < request.held_out < len(source.subjects):
@@ -188,22 +207,21 @@ def _check_request(request: TrainingRequest) -> None:
 
 
 def _written(
-    request: TrainingRequest, trained: Trained, sittings: Sequence[Sitting], judges: Samples
+    request: TrainingRequest, trained: Trained, sittings: Sequence[Sitting], people: Samples
 ) -> TrainingResult:
     """The network's file and all that lies beside it."""
     import torch
 
     from methods.normals.training.calibration import measured, write_reliability
-    from methods.normals.training.export import export_network
     from methods.normals.training.loop import judged
-    from methods.normals.training.network import Averaged
+    from methods.normals.training.networks.export import export_network
 
     folder = request.directory
-    network = Averaged(trained.network.cpu(), request.fold_gain)
+    network = _network(request, trained)
     path = folder / f"{request.name}.onnx"
     export_network(network, path, _about(request, sittings))
     write_text(folder / "PROVENANCE.md", provenance(request.name, sittings))
-    front, back = measured(network, judges)
+    front, back = measured(network, people)
     write_reliability(folder / "calibration.csv", (front, back))
     return TrainingResult(
         network=path,
@@ -212,73 +230,22 @@ def _written(
         calibration=draw_reliability((front, back), folder / "calibration.png"),
         front_calibration_deg=front.calibration_error_deg,
         back_calibration_deg=back.calibration_error_deg,
-        **asdict(judged(network, judges, torch.device("cpu"))),
+        **asdict(judged(network, people, torch.device("cpu"))),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Split:
-    """Sample files by subject of one dataset: those that train and those that judge."""
+def _network(request: TrainingRequest, trained: Trained) -> nn.Module:
+    """What the file answers with."""
+    from methods.normals.training.networks.detailed import Detailed
+    from methods.normals.training.networks.network import Averaged, NormalNetwork
+    from methods.normals.training.networks.starting import started_from
 
-    dataset: str
-    training: dict[str, Path]
-    judging: dict[str, Path]
-
-
-def _split(source: Source, request: TrainingRequest, progress: Progress) -> _Split:
-    paths = ensure_samples(source, request.samples, request.jobs, progress)
-    if len(paths) <= request.held_out:
-        raise HarnessError(
-            f"too few subjects of {source.name} are left to train on",
-            expected=f"more than the {request.held_out} that are held out",
-            got=", ".join(paths) or "none",
-        )
-    files = list(paths.items())
-    return _Split(source.name, dict(files[: -request.held_out]), dict(files[-request.held_out :]))
-
-
-def ensure_samples(
-    source: Source, settings: SampleSettings, jobs: int, progress: Progress
-) -> dict[str, Path]:
-    """The sample files of a source's subjects, made unless they are there and current.
-
-    A subject that cannot be made is left out, and a message names it: random clothes sometimes do
-    not fit.
-    """
-    folder = source.workspace.root / "samples" / "normals" / source.name
-    paths = {subject: folder / f"{subject}.npz" for subject in source.subjects}
-    waiting = [
-        subject for subject in paths if not _is_current(source, subject, settings, paths[subject])
-    ]
-    progress.expect(_SAMPLES, len(waiting) * settings.views)
-
-    def make(subject: str) -> str:
-        job = SampleJob(source.only(subject), settings, paths[subject])
-        with exclusive_lock(folder / f".{subject}.lock"):
-            if not _is_current(source, subject, settings, paths[subject]):
-                remove_leftovers(paths[subject])
-                try:
-                    run_worker(_WORKER, job.to_dict(), progress=counted(progress, _SAMPLES))
-                except HarnessError as error:
-                    return str(error)
-        return ""
-
-    failures = dict(zip(waiting, in_threads(make, waiting, jobs), strict=True))
-    for subject, failure in failures.items():
-        if failure:
-            progress.say(f"{subject} is left out: {failure}")
-    return {subject: path for subject, path in paths.items() if not failures.get(subject)}
-
-
-def _is_current(source: Source, subject: str, settings: SampleSettings, path: Path) -> bool:
-    if source.is_generated and not source.avatar_is_current(subject):
-        return False
-    try:
-        found = read_array_npz(path, ["key"])
-    except DataError:
-        # Absent or damaged: made again.
-        return False
-    return "key" in found and str(found["key"]) == samples_key(source.locate(subject), settings)
+    network = trained.network.cpu()
+    if not (request.detail and request.start):
+        return Averaged(network, request.fold_gain)
+    whole = NormalNetwork()
+    whole.load_state_dict({**whole.state_dict(), **started_from(request.start)})
+    return Detailed(whole, network, request.fold_gain)
 
 
 def _report(progress: Progress, steps: int, line: str) -> None:
@@ -303,5 +270,6 @@ def _about(request: TrainingRequest, sittings: Sequence[Sitting]) -> dict[str, s
         + version,
         "training_set_licence": ", ".join(licences),
         "window": "mask",
+        **({"side_px": str(request.samples.side_px)} if request.detail else {}),
         METADATA: json.dumps([sitting.to_dict() for sitting in sittings]),
     }

@@ -7,7 +7,7 @@ one with errors such as a fit has; the targets are the scan's normals on its nea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +26,13 @@ from harness.geometry.occlusion import vertex_openness
 from harness.geometry.photo import Picture
 from harness.geometry.raycast import Raycaster
 from harness.geometry.texture import linear_texture
+from harness.geometry.window import rounded_up
 from harness.pipeline.training.prints import printed
 from harness.pipeline.training.shading import Shading, averaged, shaded
 from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
+from methods.normals.training.settings import LARGER
 from methods.normals.training.variations.light import (
     Gloss,
     Lamp,
@@ -59,6 +61,8 @@ SAMPLES_VERSION = 3
 #: Rays along each side of a pixel of the photo.
 _SUPERSAMPLE = 2
 _OPENNESS_RAYS = 32
+#: Networks halve their pictures five times.
+_MULTIPLE = 32
 #: Textures of a subject: its own for half of the photos, and printed ones.
 _PRINTED_SHARE, _PRINTED = 0.5, 3
 
@@ -79,6 +83,14 @@ class SampleSettings:
     width_px: int = 320
     height_px: int = 480
     seed: int = 0
+
+    def of_detail(self) -> SampleSettings:
+        """The same scenes as the second network sees them: larger."""
+        side, width, height = (
+            rounded_up(round(LARGER * px), _MULTIPLE)
+            for px in (self.side_px, self.width_px, self.height_px)
+        )
+        return replace(self, side_px=side, width_px=width, height_px=height)
 
 
 def samples_key(scan: Scan, settings: SampleSettings) -> str:

@@ -50,6 +50,8 @@ class Sitting:
         blend: What became of the trained weights; None if they are the network's.
         fold_gain: How many times as strong the network's file makes folds in front where it is
             unsure.
+        detail: Whether the second network was trained, which sees the person larger, and not the
+            first one.
     """
 
     command: str
@@ -60,6 +62,7 @@ class Sitting:
     curve: tuple[Look, ...]
     blend: Blend | None = None
     fold_gain: float = 1.0
+    detail: bool = False
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -75,9 +78,11 @@ class Sitting:
             judged={name: tuple(ids) for name, ids in values["judged"].items()},
             datasets_version=values["datasets_version"],
             curve=tuple(Look(**row) for row in values["curve"]),
-            # Files of the first seven sittings have no blend, those of the first nine no gain.
+            # Files of the first seven sittings have no blend, those of the first nine no gain, and
+            # those of the first eleven no second network.
             blend=Blend(**values["blend"]) if values.get("blend") else None,
             fold_gain=values.get("fold_gain", 1.0),
+            detail=values.get("detail", False),
         )
 
 
@@ -169,6 +174,12 @@ _ORIGINS = (
     ),
 )
 
+_DETAIL = (
+    " It trained the second network, which sees the person one and a half times as large and is "
+    "given the first network's answers in place of the body's normals; the first one stayed as it "
+    "was."
+)
+
 
 def provenance(name: str, sittings: Sequence[Sitting]) -> str:
     """The page, in Markdown, that says what a network of a name was made from and how.
@@ -181,13 +192,14 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
         judged = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.judged.items())
         count = sum(len(ids) for ids in sitting.trained.values())
         start = f"the network of sha256 `{sitting.start}`" if sitting.start else "random weights"
+        what = _DETAIL if sitting.detail else ""
         parts += [
             f"## Sitting {number}\n",
             f"```sh\n{sitting.command}\n```\n",
             f"It started from {start} and saw {count} subjects: {trained} (version "
-            f"{sitting.datasets_version}). These only judged: {judged}.\n",
+            f"{sitting.datasets_version}). These only judged: {judged}.{what}\n",
         ]
-        parts.append(_curve(sitting.curve))
+        parts.append(_curve(sitting.curve, "first answers" if sitting.detail else "bodies"))
         if sitting.blend:
             parts.append(_blending(sitting.blend))
         if sitting.fold_gain != 1.0:
@@ -206,10 +218,10 @@ def _blending(blend: Blend) -> str:
     )
 
 
-def _curve(curve: Sequence[Look]) -> str:
+def _curve(curve: Sequence[Look], given: str) -> str:
     last = curve[-1]
     lines = [
-        "Degrees are means over all pixels of the subjects that judge, whose bodies alone score "
+        f"Degrees are means over all pixels of the subjects that judge, whose {given} alone score "
         f"{last.body_front_deg:.2f} (front) and {last.body_back_deg:.2f} (back):\n",
         "| step | minutes | loss | front (deg) | back (deg) |",
         "| ---: | ---: | ---: | ---: | ---: |",

@@ -1,7 +1,6 @@
 """The open normal network and its training.
 
-Read ``network``, ``losses``, ``optimiser`` and ``loop``. ``samples`` draws what the network sees,
-which ``variations`` vary; ``export`` writes the file that methods use,
-``starting`` reads its weights again, and ``calibration`` compares its expected errors with the true
-ones.
+Read ``networks``, ``losses``, ``optimiser`` and ``loop``. ``samples`` draws what the network sees,
+which ``variations`` vary, and ``first_answers`` puts one network's answers in place of the body for
+the next. ``calibration`` compares a network's expected errors with the true ones.
 """

@@ -18,7 +18,7 @@ from harness.core.files.hashing import content_hash, derive_seed
 from methods.normals.training.curve import Look, write_curve
 from methods.normals.training.lanes import LANES, Lanes
 from methods.normals.training.losses import total
-from methods.normals.training.network import Answer, NormalNetwork
+from methods.normals.training.networks.network import Answer, NormalNetwork
 from methods.normals.training.optimiser import Muon
 from methods.normals.training.samples import Batch, Samples
 from methods.normals.training.settings import TrainingSettings

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from methods.normals.training.network import Answer
+from methods.normals.training.networks.network import Answer
 from methods.normals.training.samples import Batch
 from methods.normals.training.settings import LossWeights
 

@@ -19,7 +19,7 @@ from methods.normals.training.variations.photo_faults import spoilt
 from methods.normals.training.variations.relighting import relit
 from methods.normals.training.variations.turning import Placement, drawn_placement
 
-__all__ = ["Batch", "Samples"]
+__all__ = ["Batch", "Samples", "read_samples"]
 
 #: Of one subject, or of a window of one of its samples.
 Arrays = dict[str, np.ndarray]
@@ -83,7 +83,7 @@ class Samples:
         Raises:
             DataError: a file that is not one of samples, or of another size than the first.
         """
-        files = [_read(path) for path in paths]
+        files = [read_samples(path) for path in paths]
         sizes = {file["rgb"].shape[1:3] for file in files}
         if len(sizes) != 1:
             raise DataError(
@@ -165,7 +165,12 @@ def _below(count: int, draw: torch.Generator) -> int:
     return int(torch.randint(count, (), generator=draw))
 
 
-def _read(path: Path) -> Arrays:
+def read_samples(path: Path) -> Arrays:
+    """The arrays of a file of training samples, and its key.
+
+    Raises:
+        DataError: not such a file.
+    """
     return read_required_arrays(
         path, ("key", *_ARRAYS), "training samples", "Delete it, and it is made again"
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-__all__ = ["FaultShares", "LossWeights", "TrainingSettings", "Turning", "Windows"]
+__all__ = ["LARGER", "FaultShares", "LossWeights", "TrainingSettings", "Turning", "Windows"]
+
+#: How many times as large as the first network the second one sees a photo: 3 pixels for 2.
+LARGER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,3 +121,11 @@ class TrainingSettings:
     windows: Windows = field(default_factory=Windows)
     relit: float = 0.7
     start: str = ""
+
+    def of_detail(self) -> TrainingSettings:
+        """The same for a second network, which is told what the first one answers.
+
+        It looks from nearby alone, and at photos as they were taken: in another light the first one
+        would have answered otherwise.
+        """
+        return replace(self, windows=replace(self.windows, near_share=1.0), relit=0.0)

@@ -20,7 +20,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.judging.judge import JudgeRequest, judged_networks, to_markdown
 from harness.pipeline.judging.photos import BODY
-from harness.pipeline.training.normals import TrainingRequest, train_normals
+from harness.pipeline.training.normals import TrainingRequest, TrainingResult, train_normals
 from harness.pipeline.training.samples import SampleSettings
 from methods.normals.installed import OPEN_NETWORK, named
 from methods.normals.training.settings import TrainingSettings
@@ -112,6 +112,15 @@ FoldGain = Annotated[
     ),
 ]
 
+Detail = Annotated[
+    bool,
+    typer.Option(
+        "--detail",
+        help="Train the second network: it sees the person one and a half times as large, and "
+        "what the network of --from answers in place of the body. That one stays as it is.",
+    ),
+]
+
 
 @app.command("normals")
 def normals(
@@ -128,6 +137,7 @@ def normals(
     start: Start = "",
     blend: Blended = 0.0,
     fold_gain: FoldGain = 1.0,
+    detail: Detail = False,
     name: NetworkName = OPEN_NETWORK,
     jobs: Jobs = 1,
     workspace: WorkspacePath = None,
@@ -156,15 +166,21 @@ def normals(
         f"--seed {seed} --name {name}"
         + (f" --from {Path(start).name}" if start else "")
         + (f" --blend {blend:g}" if blend else "")
-        + (f" --fold-gain {fold_gain:g}" if fold_gain != 1.0 else ""),
+        + (f" --fold-gain {fold_gain:g}" if fold_gain != 1.0 else "")
+        + (" --detail" if detail else ""),
         blend=blend,
         fold_gain=fold_gain,
+        detail=detail,
     )
     with shown_progress(quiet=as_json) as progress:
         result = train_normals(request, progress)
     if as_json:
         print_json(result.to_dict())
-        return
+    else:
+        _print_result(result)
+
+
+def _print_result(result: TrainingResult) -> None:
     print(f"front {result.front_deg:.2f} deg (body {result.body_front_deg:.2f}), ", end="")
     print(f"back {result.back_deg:.2f} deg (body {result.body_back_deg:.2f}), held-out subjects")
     print(f"expected errors are {result.front_calibration_deg:.2f} deg off in front, ", end="")

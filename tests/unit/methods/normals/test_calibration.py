@@ -6,7 +6,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from methods.normals.training.calibration import measured, write_reliability  # noqa: E402
-from methods.normals.training.network import Answer  # noqa: E402
+from methods.normals.training.networks.network import Answer  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
 
 SIZE = 32

@@ -86,6 +86,34 @@ def test_an_estimator_without_numbers_is_refused(view, sphere):
         view_maps(view, Raycaster(sphere(0.3)), broken)
 
 
+def test_an_estimator_that_asks_for_a_size_works_on_it(sphere, photograph):
+    scan, seen = Raycaster(sphere(0.3)), []
+    view = working_view(photograph(sphere(0.3)), 0, 64, 96)
+
+    def knowing(rgb, mask, body_front, body_back):
+        seen.append([each.shape[:2] for each in (rgb, mask, body_front, body_back)])
+        sides = (scan.normals(view.asked.camera, side) for side in ("near", "far"))
+        degrees = np.where(mask > 0, 7.0, 0.0)
+        return EstimatedNormals(*sides, degrees, degrees)
+
+    maps = view_maps(view, Raycaster(sphere(0.25)), knowing)
+    assert seen == [[(96, 96)] * 4]
+    assert maps.front.shape == (64, 64, 3) == maps.body_front.shape
+    inner = view.mask & (scan.normals(view.camera, "near")[..., 2] > 0.3)
+    cosine = (maps.front * scan.normals(view.camera, "near")).sum(2)[inner]
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 1.5
+    np.testing.assert_allclose(np.linalg.norm(maps.back[view.mask], axis=1), 1.0)
+    # At the outline, too, where half of what a pixel covers is empty.
+    np.testing.assert_allclose(maps.front_error_deg[inner], 7.0, rtol=1e-5)
+    assert (maps.front_error_deg[~view.mask] == 0).all()
+
+    def small(rgb, mask, body_front, body_back):
+        return EstimatedNormals(body_front[:64, :64], body_back[:64, :64])
+
+    with pytest.raises(MethodError, match=r"of shape \(96, 96, 3\)"):
+        view_maps(view, Raycaster(sphere(0.25)), small)
+
+
 def test_holes_take_the_nearest_normal():
     normals = np.zeros((1, 5, 3))
     normals[0, 0], normals[0, 4] = (0, 0, 2), (1, 0, 0)

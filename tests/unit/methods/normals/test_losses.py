@@ -6,7 +6,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from methods.normals.training.losses import Pixels, chord, expected, steps, total  # noqa: E402
-from methods.normals.training.network import Answer  # noqa: E402
+from methods.normals.training.networks.network import Answer  # noqa: E402
 from methods.normals.training.samples import Batch  # noqa: E402
 from methods.normals.training.settings import LossWeights  # noqa: E402
 

@@ -7,9 +7,9 @@ torch = pytest.importorskip("torch")
 
 from harness.core.errors import DataError  # noqa: E402
 from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
-from methods.normals.training import starting  # noqa: E402
-from methods.normals.training.export import export_network  # noqa: E402
-from methods.normals.training.network import MULTIPLE, Answer, Averaged, NormalNetwork  # noqa: E402
+from methods.normals.training.networks import starting  # noqa: E402
+from methods.normals.training.networks.export import export_network  # noqa: E402
+from methods.normals.training.networks.network import MULTIPLE, Answer, Averaged, NormalNetwork  # noqa: E402
 
 ABOUT = {"name": "test", "licence": "CC0-1.0", "training_set": "none", "window": "mask"}
 

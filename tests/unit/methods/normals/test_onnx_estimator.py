@@ -185,6 +185,8 @@ def test_what_is_no_normal_estimator_is_refused(tmp_path, save_network):
         ({"licence": ""}, "does not say what it is"),
         ({"body_background": "grey"}, "not right.*a number.*grey"),
         ({"window": "door"}, "a window that is not known.*door"),
+        ({"side_px": "wide"}, "not right.*a side of the picture.*wide"),
+        ({"side_px": "99999"}, "not right.*up to 4096 pixels.*99999"),
     ],
 )
 def test_metadata_that_are_not_right(tmp_path, save_network, about, message):

@@ -8,9 +8,9 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
-from methods.normals.training.export import export_network  # noqa: E402
-from methods.normals.training.folds import StrongerFolds  # noqa: E402
-from methods.normals.training.network import Averaged, NormalNetwork  # noqa: E402
+from methods.normals.training.networks.export import export_network  # noqa: E402
+from methods.normals.training.networks.folds import StrongerFolds  # noqa: E402
+from methods.normals.training.networks.network import Averaged, NormalNetwork  # noqa: E402
 from metrics.folds import fold_strength  # noqa: E402
 
 SIZE = 96

@@ -12,9 +12,10 @@ torch = pytest.importorskip("torch")
 
 from harness.core.errors import DataError, HarnessError  # noqa: E402
 from methods.normals.training import loop  # noqa: E402
-from methods.normals.training.export import export_network  # noqa: E402
 from methods.normals.training.loop import judged, train  # noqa: E402
-from methods.normals.training.network import Averaged, NormalNetwork  # noqa: E402
+from methods.normals.training.networks.export import export_network  # noqa: E402
+from methods.normals.training.networks.network import Averaged, NormalNetwork  # noqa: E402
+from methods.normals.training.networks.starting import blended, started_from  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
 from methods.normals.training.settings import (  # noqa: E402
     FaultShares,
@@ -22,7 +23,6 @@ from methods.normals.training.settings import (  # noqa: E402
     Turning,
     Windows,
 )
-from methods.normals.training.starting import blended, started_from  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)

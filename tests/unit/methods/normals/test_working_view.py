@@ -37,6 +37,22 @@ def test_a_small_picture_is_not_enlarged(sphere, photograph):
     assert working_view(capture, 0, 512).camera.width < 100
 
 
+@pytest.mark.parametrize("radius", [0.3, 0.1])
+def test_an_estimator_gets_the_size_that_it_asks_for(radius, sphere, photograph):
+    capture = photograph(sphere(radius))
+    view = working_view(capture, 0, 64, 96)
+    assert view.asked.mask.shape == (96, 96) == (view.asked.camera.height, view.asked.camera.width)
+    assert view.asked.asked is None
+    # The same square: both cameras see a point at the same place.
+    point = np.array([[0.05, 0.02, 0.0]])
+    np.testing.assert_allclose(
+        view.asked.camera.project(point)[0] / 96, view.camera.project(point)[0] / view.camera.width
+    )
+    assert abs(view.asked.mask.mean() - view.mask.mean()) < 0.02
+    for side in (0, view.camera.width):
+        assert working_view(capture, 0, 64, side).asked is None
+
+
 def test_an_empty_view_is_refused(sphere, photograph):
     capture = photograph(sphere(0.3))
     save_png(capture.directory / image_name(1), np.zeros((480, 270, 4), np.uint8))

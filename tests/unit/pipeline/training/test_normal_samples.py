@@ -18,7 +18,8 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.judging.judge import JudgeRequest, judged_networks
 from harness.pipeline.progress import Silent
-from harness.pipeline.training.normals import TrainingRequest, ensure_samples, train_normals
+from harness.pipeline.training.normals import TrainingRequest, train_normals
+from harness.pipeline.training.sample_files import ensure_samples
 from harness.pipeline.training.samples import (
     SampleSettings,
     Studio,
@@ -128,7 +129,7 @@ def test_equal_seeds_give_equal_samples_and_others_do_not(source, tmp_path):
 
 
 def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
-    made(source, "p2", people / "samples" / "normals" / "bare" / "p2.npz")  # is there already
+    made(source, "p2", people / "samples" / "normals-128" / "bare" / "p2.npz")  # is there already
     said = []
 
     class Listener(Silent):
@@ -148,7 +149,7 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
 
 
 @pytest.mark.slow
-def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
+def test_from_subjects_to_a_network_in_three_sittings(source, tmp_path):
     from methods.normals.onnx_estimator import OnnxNormals
     from methods.normals.training.settings import TrainingSettings
 
@@ -197,6 +198,24 @@ def test_from_subjects_to_a_network_in_two_sittings(source, tmp_path):
         train_normals(replace(again, start=None), Silent())
     # Neighbours in the curve: the second sitting goes on from where the first one ended.
     assert abs(both[1].curve[0].front_deg - first.front_deg) < 1.0
+    third = train_normals(
+        replace(
+            again,
+            start=second.network,
+            directory=tmp_path / "detail",
+            detail=True,
+        ),
+        Silent(),
+    )
+    # It is at home at 3/2 of the size, and given what the first one answers.
+    assert OnnxNormals(third.network).side_px == 192
+    assert [sitting.detail for sitting in sittings_of(third.network)] == [False, False, True]
+    assert "whose first answers alone score" in third.provenance.read_text()
+    look = sittings_of(third.network)[2].curve[0]
+    assert abs(look.body_front_deg - second.front_deg) < 2.0
+    assert abs(third.front_deg - second.front_deg) < 3.0
+    with pytest.raises(HarnessError, match="without a first one"):
+        train_normals(replace(again, start=None, blend=0.0, detail=True), Silent())
     turned = replace(source, subjects=("p2", "p1"))
     with pytest.raises(HarnessError, match="p1 of bare cannot judge"):
         train_normals(replace(again, sources=(turned,), directory=tmp_path / "third"), Silent())
@@ -277,3 +296,21 @@ def test_networks_are_judged_side_by_side_and_once(source, people):
     before = stored[0].stat().st_mtime_ns
     assert judged_networks(request, Silent())[1].to_dict() == network.to_dict()
     assert stored[0].stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_a_network_is_judged_at_the_size_that_it_asks_for(source, tmp_path):
+    from methods.normals.training.networks.detailed import Detailed
+    from methods.normals.training.networks.export import export_network
+    from methods.normals.training.networks.network import NormalNetwork
+
+    path = tmp_path / "untrained.onnx"
+    about = {"name": "untrained", "licence": "CC0-1.0", "window": "mask", "side_px": "480"}
+    export_network(Detailed(NormalNetwork(), NormalNetwork()), path, about)
+    photos = SampleSettings(views=1, side_px=320, width_px=192, height_px=288)
+    assert photos.of_detail() == SampleSettings(1, 480, 288, 448)
+    request = JudgeRequest(replace(source, subjects=("p2",)), {"untrained": path}, photos)
+    body, network = judged_networks(request, Silent())
+    # It answers with the body that it is given, a little smoother, in the same scene.
+    assert abs(network.mean.front_deg - body.mean.front_deg) < 2.0
+    assert network.mean.front_deg != body.mean.front_deg

@@ -42,9 +42,11 @@ def test_a_sitting_comes_back_from_json():
     assert Sitting.from_dict(blended.to_dict()) == blended
     stronger = replace(SECOND, fold_gain=1.3)
     assert Sitting.from_dict(stronger.to_dict()) == stronger
-    # Files of before networks were blended, and had stronger folds, say nothing of it.
+    second = replace(SECOND, detail=True)
+    assert Sitting.from_dict(second.to_dict()) == second
+    # Files of before networks were blended, had stronger folds, and came in pairs, say nothing.
     told = FIRST.to_dict()
-    del told["blend"], told["fold_gain"]
+    del told["blend"], told["fold_gain"], told["detail"]
     assert Sitting.from_dict(told) == FIRST
 
 
@@ -53,6 +55,15 @@ def test_a_page_says_what_was_blended():
     assert "25 % those that it started from and 75 % those of the last step" in page
     assert page.endswith("last step: 11.25 and 12.50 degrees.\n")
     assert "started from and" not in provenance("mine", (FIRST, SECOND))
+
+
+def test_a_page_says_which_of_two_networks_was_trained():
+    page = provenance("mine", (FIRST, replace(SECOND, detail=True)))
+    first, second = page.split("## Sitting 2")
+    assert "second network" not in first
+    assert "bodies alone score 24.00" in first
+    assert "It trained the second network" in second
+    assert "first answers alone score 24.00" in second
 
 
 def test_a_page_says_how_much_stronger_folds_are():

@@ -15,9 +15,10 @@ from torch import Tensor, nn
 
 __all__ = ["StrongerFolds"]
 
-#: Standard deviation of the blur: 15 mm on a subject that fills the picture, as ``metrics.folds``.
+#: Standard deviation of the blur: 15 mm on a subject that fills 512 pixels, as ``metrics.folds``.
 _BLUR_PX = 4.0
-_REACH_PX = 12
+#: How far it reaches, in standard deviations.
+_REACH = 3
 #: Three components and the mask.
 _MAPS = 4
 #: Mean error that the network expects, radians, from which on a map gets the whole factor.
@@ -33,16 +34,17 @@ class StrongerFolds(nn.Module):
         gain: The number, where the network expects normals to be off by 15 degrees or more on
             average. Below that, what it has beyond 1 falls with the fourth power of this mean, so
             that surer maps nearly stay; 1 leaves all maps as they are.
+        blur_px: Standard deviation of the blur, pixels.
     """
 
     column: Tensor
     row: Tensor
 
-    def __init__(self, gain: float) -> None:
+    def __init__(self, gain: float, blur_px: float = _BLUR_PX) -> None:
         super().__init__()
-        self.gain = gain
-        offsets = torch.arange(-_REACH_PX, _REACH_PX + 1, dtype=torch.float32)
-        weights = torch.exp(-0.5 * (offsets / _BLUR_PX) ** 2)
+        self.gain, self.reach = gain, round(_REACH * blur_px)
+        offsets = torch.arange(-self.reach, self.reach + 1, dtype=torch.float32)
+        weights = torch.exp(-0.5 * (offsets / blur_px) ** 2)
         weights = (weights / weights.sum()).repeat(_MAPS, 1)
         self.register_buffer("column", weights[:, None, :, None])
         self.register_buffer("row", weights[:, None, None, :])
@@ -73,8 +75,8 @@ class StrongerFolds(nn.Module):
         return unit + more * known * (unit - slow)
 
     def _blurred(self, maps: Tensor) -> Tensor:
-        maps = nn.functional.conv2d(maps, self.column, padding=(_REACH_PX, 0), groups=_MAPS)
-        return nn.functional.conv2d(maps, self.row, padding=(0, _REACH_PX), groups=_MAPS)
+        maps = nn.functional.conv2d(maps, self.column, padding=(self.reach, 0), groups=_MAPS)
+        return nn.functional.conv2d(maps, self.row, padding=(0, self.reach), groups=_MAPS)
 
 
 def _unsure(error: Tensor, mask: Tensor) -> Tensor:

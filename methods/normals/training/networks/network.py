@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from methods.normals.training.folds import StrongerFolds
+from methods.normals.training.networks.folds import StrongerFolds
 
 __all__ = ["MULTIPLE", "Answer", "Averaged", "Block", "NormalNetwork"]
 
@@ -176,13 +176,14 @@ class Averaged(nn.Module):
         network: The network.
         fold_gain: How many times as strong the mean's folds become in front where the network is
             unsure; less elsewhere.
+        moved: Whether it answers to the moved ones, too.
     """
 
     turn: Tensor
 
-    def __init__(self, network: NormalNetwork, fold_gain: float = 1.0) -> None:
+    def __init__(self, network: NormalNetwork, fold_gain: float = 1.0, moved: bool = True) -> None:
         super().__init__()
-        self.network = network
+        self.network, self.moved = network, moved
         self.stronger = StrongerFolds(fold_gain)
         self.register_buffer("turn", torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1))
 
@@ -204,6 +205,8 @@ class Averaged(nn.Module):
 
     def _here_and_moved(self, *scene: Tensor) -> Iterator[Answer]:
         yield self.network(*scene)
+        if not self.moved:
+            return
         answer = self.network(*(nn.functional.pad(channels, _MOVE) for channels in scene))
         left, right, top, bottom = _MOVE
         yield Answer(*(channels[..., top:-bottom, left:-right] for channels in answer))

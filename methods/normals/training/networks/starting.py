@@ -10,21 +10,27 @@ from torch import Tensor
 
 from harness.core.errors import DataError
 from methods.normals.onnx_files import read_network
-from methods.normals.training.network import Block, NormalNetwork
+from methods.normals.training.networks.network import Block, NormalNetwork
 
-__all__ = ["blended", "started_from"]
+__all__ = ["HALF", "blended", "started_from"]
 
-#: How the network is called within the mirrored one that is exported.
-_WITHIN = "network."
+#: How the network of the whole picture is called within the one that is exported, alone and before
+#: another one, and how that one is.
+_ALONE, _WHOLE, _DETAIL = "network.", "whole.network.", "detail.network."
 #: Appended to the name of a tensor that is stored with half the digits; see ``export``.
 HALF = "__half"
 
 
-def started_from(path: Path) -> dict[str, Tensor]:
+def started_from(path: Path, *, detail: bool = False) -> dict[str, Tensor]:
     """The state of a ``NormalNetwork`` in a file that ``export_network`` wrote.
 
     A file of an earlier, shallower network lacks the tensors of blocks, which do nothing at the
     start.
+
+    Args:
+        path: The file.
+        detail: Whether it is the second network of a ``Detailed`` that is wanted. In a file of one
+            network that is where a second one starts, too.
 
     Raises:
         DataError: not such a file, or of a network of another shape.
@@ -34,12 +40,14 @@ def started_from(path: Path) -> dict[str, Tensor]:
     # Only now: where onnx is not installed, its reader says so.
     from onnx import numpy_helper
 
+    tensors = {tensor.name.removesuffix(HALF): tensor for tensor in model.graph.initializer}
+    within = _ALONE
+    if any(name.startswith(_DETAIL) for name in tensors):
+        within = _DETAIL if detail else _WHOLE
     found = {
-        tensor.name.removesuffix(HALF).removeprefix(_WITHIN): torch.from_numpy(
-            numpy_helper.to_array(tensor).copy()
-        ).float()
-        for tensor in model.graph.initializer
-        if tensor.name.startswith(_WITHIN)
+        name.removeprefix(within): torch.from_numpy(numpy_helper.to_array(tensor).copy()).float()
+        for name, tensor in tensors.items()
+        if name.startswith(within)
     }
     fresh = NormalNetwork()
     wanted = fresh.state_dict()

@@ -1,0 +1,94 @@
+"""Training samples in which a network's first answers take the place of the body.
+
+The second network of a ``Detailed`` is trained on these. They are stored, because a training looks
+at each sample many times.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from harness.core.array_files.npz import read_array_npz, write_npz
+from harness.core.errors import DataError
+from harness.core.files.hashing import content_hash, file_sha256
+from methods.normals.training.networks.detailed import Detailed
+from methods.normals.training.networks.network import NormalNetwork
+from methods.normals.training.networks.starting import started_from
+from methods.normals.training.samples import Samples, read_samples
+
+__all__ = ["FIRST_ANSWERS_VERSION", "FirstAnswers"]
+
+FIRST_ANSWERS_VERSION = 1
+"""Changes whenever any output does."""
+
+_STEPS = 127.0
+
+
+class FirstAnswers:
+    """Samples with the answers of the first network in a file.
+
+    Args:
+        start: The ``.onnx`` file, of one network or two.
+
+    Attributes:
+        name: Of the network: the beginning of its sum.
+
+    Raises:
+        MissingPart, DataError: as ``started_from``.
+    """
+
+    def __init__(self, start: Path) -> None:
+        network = NormalNetwork()
+        network.load_state_dict({**network.state_dict(), **started_from(start)})
+        # Only the first one is asked.
+        self._networks = Detailed(network, network).eval()
+        self._sha256 = file_sha256(start)
+        self.name = self._sha256[:16]
+
+    def write(self, samples: Path, path: Path) -> None:
+        """The samples of a file, with first answers, in a file, unless it is there and current.
+
+        Raises:
+            DataError: not a file of samples.
+        """
+        key = self._key(samples)
+        if _key_of(path) == key:
+            return
+        arrays = dict(read_samples(samples))
+        photos = Samples.load([samples])
+        answers: dict[str, list[np.ndarray]] = {"body_front": [], "body_back": []}
+        for index in range(len(photos)):
+            batch = photos.at([index])
+            scene = batch.image, batch.mask, batch.body_front, batch.body_back
+            with torch.no_grad():
+                found = self._networks.first(*scene)
+            for rows, normals in zip(answers.values(), found, strict=True):
+                rows.append(_packed(normals[0]))
+        arrays.update({name: np.stack(rows) for name, rows in answers.items()})
+        write_npz(path, {**arrays, "key": np.array(key)}, compressed=False)
+
+    def _key(self, samples: Path) -> str:
+        return content_hash(
+            {
+                "version": FIRST_ANSWERS_VERSION,
+                "samples": _key_of(samples),
+                "network": self._sha256,
+            }
+        )
+
+
+def _key_of(path: Path) -> str:
+    try:
+        return str(read_array_npz(path, ["key"]).get("key", ""))
+    except DataError:
+        # Absent or damaged: made again.
+        return ""
+
+
+def _packed(normals: Tensor) -> np.ndarray:
+    """(H, W, 3) int8 in steps of 1/127."""
+    return np.rint(normals.movedim(0, -1).numpy() * _STEPS).astype(np.int8)
