@@ -237,15 +237,13 @@ def _written(
 def _network(request: TrainingRequest, trained: Trained) -> nn.Module:
     """What the file answers with."""
     from methods.normals.training.networks.detailed import Detailed
-    from methods.normals.training.networks.network import Averaged, NormalNetwork
-    from methods.normals.training.networks.starting import started_from
+    from methods.normals.training.networks.network import Averaged
+    from methods.normals.training.networks.starting import network_from
 
     network = trained.network.cpu()
     if not (request.detail and request.start):
         return Averaged(network, request.fold_gain)
-    whole = NormalNetwork()
-    whole.load_state_dict({**whole.state_dict(), **started_from(request.start)})
-    return Detailed(whole, network, request.fold_gain)
+    return Detailed(network_from(request.start), network, request.fold_gain)
 
 
 def _report(progress: Progress, steps: int, line: str) -> None:

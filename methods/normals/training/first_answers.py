@@ -10,22 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from harness.core.array_files.npz import read_array_npz, write_npz
 from harness.core.errors import DataError
 from harness.core.files.hashing import content_hash, file_sha256
+from harness.geometry.images import packed_normals
 from methods.normals.training.networks.detailed import Detailed
-from methods.normals.training.networks.network import NormalNetwork
-from methods.normals.training.networks.starting import started_from
+from methods.normals.training.networks.starting import network_from
 from methods.normals.training.samples import Samples, read_samples
 
 __all__ = ["FIRST_ANSWERS_VERSION", "FirstAnswers"]
 
 FIRST_ANSWERS_VERSION = 1
 """Changes whenever any output does."""
-
-_STEPS = 127.0
 
 
 class FirstAnswers:
@@ -38,12 +35,11 @@ class FirstAnswers:
         name: Of the network: the beginning of its sum.
 
     Raises:
-        MissingPart, DataError: as ``started_from``.
+        MissingPart, DataError: as ``network_from``.
     """
 
     def __init__(self, start: Path) -> None:
-        network = NormalNetwork()
-        network.load_state_dict({**network.state_dict(), **started_from(start)})
+        network = network_from(start)
         # Only the first one is asked.
         self._networks = Detailed(network, network).eval()
         self._sha256 = file_sha256(start)
@@ -58,8 +54,8 @@ class FirstAnswers:
         key = self._key(samples)
         if _key_of(path) == key:
             return
-        arrays = dict(read_samples(samples))
-        photos = Samples.load([samples])
+        arrays = read_samples(samples)
+        photos = Samples([arrays], [str(arrays["key"])])
         answers: dict[str, list[np.ndarray]] = {"body_front": [], "body_back": []}
         for index in range(len(photos)):
             batch = photos.at([index])
@@ -67,9 +63,9 @@ class FirstAnswers:
             with torch.no_grad():
                 found = self._networks.first(*scene)
             for rows, normals in zip(answers.values(), found, strict=True):
-                rows.append(_packed(normals[0]))
-        arrays.update({name: np.stack(rows) for name, rows in answers.items()})
-        write_npz(path, {**arrays, "key": np.array(key)}, compressed=False)
+                rows.append(packed_normals(normals[0].movedim(0, -1).numpy()))
+        stacked = {name: np.stack(rows) for name, rows in answers.items()}
+        write_npz(path, {**arrays, **stacked, "key": np.array(key)}, compressed=False)
 
     def _key(self, samples: Path) -> str:
         return content_hash(
@@ -87,8 +83,3 @@ def _key_of(path: Path) -> str:
     except DataError:
         # Absent or damaged: made again.
         return ""
-
-
-def _packed(normals: Tensor) -> np.ndarray:
-    """(H, W, 3) int8 in steps of 1/127."""
-    return np.rint(normals.movedim(0, -1).numpy() * _STEPS).astype(np.int8)

@@ -12,7 +12,7 @@ from harness.core.errors import DataError
 from methods.normals.onnx_files import read_network
 from methods.normals.training.networks.network import Block, NormalNetwork
 
-__all__ = ["HALF", "blended", "started_from"]
+__all__ = ["HALF", "blended", "network_from", "started_from"]
 
 #: How the network of the whole picture is called within the one that is exported, alone and before
 #: another one, and how that one is.
@@ -61,6 +61,17 @@ def started_from(path: Path, *, detail: bool = False) -> dict[str, Tensor]:
             hint="Leave out --from: training then starts from random weights",
         )
     return found
+
+
+def network_from(path: Path) -> NormalNetwork:
+    """The first network in a file; blocks that an earlier one lacks do nothing.
+
+    Raises:
+        DataError, MissingPart: as ``started_from``.
+    """
+    network = NormalNetwork()
+    network.load_state_dict({**network.state_dict(), **started_from(path)})
+    return network
 
 
 def blended(network: NormalNetwork, start: Mapping[str, Tensor], share: float) -> NormalNetwork:
