@@ -31,7 +31,9 @@ _HALF = 0.5
 class Detailed(nn.Module):
     """The answer of a second network to a large picture and to a first one's answer to a small one.
 
-    Both answer to the picture and to its mirror image, and the mean is taken.
+    The first one answers to the picture and to its mirror image, and the mean is taken. The second
+    one answers once: that of the mirror image would cost as much as half of all else, and took 0.1
+    degrees from maps of creased clothes that were 15.2 off.
 
     Args:
         whole: The first network.
@@ -42,7 +44,7 @@ class Detailed(nn.Module):
     def __init__(self, whole: NormalNetwork, detail: NormalNetwork, fold_gain: float = 1.0) -> None:
         super().__init__()
         self.whole = Averaged(whole, moved=False)
-        self.detail = Averaged(detail, moved=False)
+        self.detail = detail
         self.reduce = _Reduced()
         self.enlarge = nn.Upsample(scale_factor=LARGER, mode="bilinear", align_corners=False)
         self.stronger = StrongerFolds(fold_gain, blur_px=4.0 * LARGER)

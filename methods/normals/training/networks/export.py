@@ -19,6 +19,7 @@ from harness.core.errors import MethodError, MissingPart
 from harness.core.files.atomic import atomic_path
 from methods.normals.training.networks.network import MULTIPLE, Answer
 from methods.normals.training.networks.starting import HALF
+from methods.normals.training.networks.transposed import with_plain_convolutions
 
 __all__ = ["export_network"]
 
@@ -72,6 +73,7 @@ def export_network(network: nn.Module, path: Path, about: Mapping[str, str]) -> 
                 opset_version=17,
             )
         model = onnx.load(temporary)
+        with_plain_convolutions(model)
         _halved(model)
         onnx.helper.set_model_props(model, dict(about))
         onnx.save(model, temporary)
