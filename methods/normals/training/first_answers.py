@@ -15,7 +15,7 @@ from harness.core.array_files.npz import read_array_npz, write_npz
 from harness.core.errors import DataError
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.geometry.images import packed_normals
-from methods.normals.training.networks.detailed import Detailed
+from methods.normals.training.networks.detailed import FirstLook
 from methods.normals.training.networks.starting import network_from
 from methods.normals.training.samples import Samples, read_samples
 
@@ -39,9 +39,7 @@ class FirstAnswers:
     """
 
     def __init__(self, start: Path) -> None:
-        network = network_from(start)
-        # Only the first one is asked.
-        self._networks = Detailed(network, network).eval()
+        self._look = FirstLook(network_from(start)).eval()
         self._sha256 = file_sha256(start)
         self.name = self._sha256[:16]
 
@@ -61,7 +59,7 @@ class FirstAnswers:
             batch = photos.at([index])
             scene = batch.image, batch.mask, batch.body_front, batch.body_back
             with torch.no_grad():
-                found = self._networks.first(*scene)
+                found = self._look(*scene)
             for rows, normals in zip(answers.values(), found, strict=True):
                 rows.append(packed_normals(normals[0].movedim(0, -1).numpy()))
         stacked = {name: np.stack(rows) for name, rows in answers.items()}

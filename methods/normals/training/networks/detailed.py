@@ -15,7 +15,7 @@ from methods.normals.training.networks.folds import StrongerFolds
 from methods.normals.training.networks.network import MULTIPLE, Answer, Averaged, NormalNetwork
 from methods.normals.training.settings import LARGER
 
-__all__ = ["Detailed"]
+__all__ = ["Detailed", "FirstLook"]
 
 #: Pixels of the small picture for pixels of the large one.
 _OUT, _IN = 2, 3
@@ -43,10 +43,8 @@ class Detailed(nn.Module):
 
     def __init__(self, whole: NormalNetwork, detail: NormalNetwork, fold_gain: float = 1.0) -> None:
         super().__init__()
-        self.whole = Averaged(whole, moved=False)
+        self.first = FirstLook(whole)
         self.detail = detail
-        self.reduce = _Reduced()
-        self.enlarge = nn.Upsample(scale_factor=LARGER, mode="bilinear", align_corners=False)
         self.stronger = StrongerFolds(fold_gain, blur_px=4.0 * LARGER)
 
     def forward(self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor) -> Answer:
@@ -55,13 +53,27 @@ class Detailed(nn.Module):
         front, back, front_error, back_error = self.detail(image, mask, first_front, first_back)
         return Answer(self.stronger(front, front_error, mask), back, front_error, back_error)
 
-    def first(
+
+class FirstLook(nn.Module):
+    """A network's answer to a picture that it sees at two thirds of its size.
+
+    Args:
+        whole: The network.
+    """
+
+    def __init__(self, whole: NormalNetwork) -> None:
+        super().__init__()
+        self.whole = Averaged(whole, moved=False)
+        self.reduce = _Reduced()
+        self.enlarge = nn.Upsample(scale_factor=LARGER, mode="bilinear", align_corners=False)
+
+    def forward(
         self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """(B, 3, H, W) the first network's unit normals of both sides, 0 outside the mask.
+        """(B, 3, H, W) unit normals of both sides, 0 outside the mask.
 
         Args:
-            image: As for ``forward``; so are the others.
+            image: As for ``NormalNetwork.forward``; so are the others.
             mask: 1 inside, 0 outside.
             body_front: Normals of the body's near side.
             body_back: Those of its far side.

@@ -16,7 +16,7 @@ __all__ = ["HALF", "blended", "network_from", "started_from"]
 
 #: How the network of the whole picture is called within the one that is exported, alone and before
 #: another one, and how that one is.
-_ALONE, _WHOLE, _DETAIL = "network.", "whole.network.", "detail."
+_ALONE, _WHOLE, _DETAIL = "network.", "first.whole.network.", "detail."
 #: Appended to the name of a tensor that is stored with half the digits; see ``export``.
 HALF = "__half"
 
