@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.hashing import file_sha256
-from methods.normals import installed
+from methods.normals import NormalChoice, installed
 
 
 @pytest.fixture
@@ -198,7 +198,9 @@ def test_what_is_shipped_is_whole():
     networks = installed.listed(place)
     for network in networks:
         assert installed.find(network.name, place) == network
-        assert network.bytes == network.path.stat().st_size <= 20 * 2**20
+        # One that asks for a size has a second network, which sees the person larger.
+        networks_in_it = 2 if NormalChoice("onnx", network.name).side_px else 1
+        assert network.bytes == network.path.stat().st_size <= networks_in_it * 20e6
         assert network.training_set
     assert {path.name for path in place.folder.glob("*.onnx")} == {
         network.path.name for network in networks
