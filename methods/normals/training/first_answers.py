@@ -21,7 +21,7 @@ from methods.normals.training.samples import Samples, read_samples
 
 __all__ = ["FIRST_ANSWERS_VERSION", "FirstAnswers"]
 
-FIRST_ANSWERS_VERSION = 1
+FIRST_ANSWERS_VERSION = 2
 """Changes whenever any output does."""
 
 

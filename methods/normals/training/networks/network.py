@@ -10,7 +10,6 @@ width that 32 divides.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -176,14 +175,15 @@ class Averaged(nn.Module):
         network: The network.
         fold_gain: How many times as strong the mean's folds become in front where the network is
             unsure; less elsewhere.
-        moved: Whether it answers to the moved ones, too.
+        every: Whether it answers to all four, or else to the picture and to the mirror image that
+            is moved: half of the work for most of the gain.
     """
 
     turn: Tensor
 
-    def __init__(self, network: NormalNetwork, fold_gain: float = 1.0, moved: bool = True) -> None:
+    def __init__(self, network: NormalNetwork, fold_gain: float = 1.0, every: bool = True) -> None:
         super().__init__()
-        self.network, self.moved = network, moved
+        self.network, self.every = network, every
         self.stronger = StrongerFolds(fold_gain)
         self.register_buffer("turn", torch.tensor([-1.0, 1.0, 1.0]).view(1, 3, 1, 1))
 
@@ -191,10 +191,10 @@ class Averaged(nn.Module):
         """As ``NormalNetwork.forward``."""
         scene = (image, mask, body_front, body_back)
         turned = (image.flip(3), mask.flip(3), self._turned(body_front), self._turned(body_back))
-        answers = list(self._here_and_moved(*scene))
-        for front, back, front_error, back_error in self._here_and_moved(*turned):
-            sides = self._turned(front), self._turned(back)
-            answers.append(Answer(*sides, front_error.flip(3), back_error.flip(3)))
+        answers = [self.network(*scene)]
+        if self.every:
+            answers += [self._moved(*scene), self._turned_back(self.network(*turned))]
+        answers.append(self._turned_back(self._moved(*turned)))
         front, back, front_error, back_error = (
             torch.stack(same).mean(0) for same in zip(*answers, strict=True)
         )
@@ -203,10 +203,13 @@ class Averaged(nn.Module):
     def _turned(self, normals: Tensor) -> Tensor:
         return normals.flip(3) * self.turn
 
-    def _here_and_moved(self, *scene: Tensor) -> Iterator[Answer]:
-        yield self.network(*scene)
-        if not self.moved:
-            return
+    def _turned_back(self, answer: Answer) -> Answer:
+        front, back, front_error, back_error = answer
+        return Answer(
+            self._turned(front), self._turned(back), front_error.flip(3), back_error.flip(3)
+        )
+
+    def _moved(self, *scene: Tensor) -> Answer:
         answer = self.network(*(nn.functional.pad(channels, _MOVE) for channels in scene))
         left, right, top, bottom = _MOVE
-        yield Answer(*(channels[..., top:-bottom, left:-right] for channels in answer))
+        return Answer(*(channels[..., top:-bottom, left:-right] for channels in answer))

@@ -84,18 +84,21 @@ class Grid(torch.nn.Module):
         return Answer(body_front + grid, body_back, error, 2.0 * error)
 
 
-def test_what_comes_from_the_networks_own_grid_is_averaged_away():
+@pytest.mark.parametrize("every", [True, False])
+def test_what_comes_from_the_networks_own_grid_is_averaged_away(every):
     image, mask, front, back = inputs(2 * MULTIPLE, 3 * MULTIPLE)
-    found = Averaged(Grid())(image, mask, front, back)
+    found = Averaged(Grid(), every=every)(image, mask, front, back)
     torch.testing.assert_close(found.back, back)
     torch.testing.assert_close(found.front_error, torch.full_like(mask, 0.1))
     torch.testing.assert_close(found.back_error, torch.full_like(mask, 0.2))
     # In the picture, in the one that is moved, and in the mirror images of both.
     up, across = MULTIPLE - 3, MULTIPLE - 13
     places = [(0, 0), (up, across), (0, MULTIPLE - 1), (up, MULTIPLE - 1 - across)]
+    if not every:
+        places = [places[0], places[3]]
     wanted = torch.zeros_like(mask[0, 0])
     for row, column in places:
-        wanted[row::MULTIPLE, column::MULTIPLE] = 0.25
+        wanted[row::MULTIPLE, column::MULTIPLE] = 1.0 / len(places)
     torch.testing.assert_close((found.front - front)[0, 1], wanted, atol=1e-6, rtol=0)
 
 
