@@ -10,12 +10,12 @@ from __future__ import annotations
 from harness.core.arrays import Mask
 from harness.geometry.window import Window, rounded_up
 
-__all__ = ["MARGIN_PX", "mask_window", "whole_window"]
-
+__all__ = ["MARGIN_PX", "MULTIPLE", "mask_window", "whole_window"]
 
 #: Least number of pixels between the subject and the window's border.
 MARGIN_PX = 16
-_MULTIPLE = 32
+#: Sides of what a network works on are multiples of this.
+MULTIPLE = 32
 
 
 def mask_window(mask: Mask) -> Window:
@@ -24,11 +24,11 @@ def mask_window(mask: Mask) -> Window:
     What rounding adds is shared between both sides; the right and lower get an odd pixel more.
     """
     box = Window.around(mask).grown(MARGIN_PX)
-    sides = (rounded_up(side, _MULTIPLE) for side in box.size)
+    sides = (rounded_up(side, MULTIPLE) for side in box.size)
     return box.about_its_middle(*sides, odd_pixel="last")
 
 
 def whole_window(size: tuple[int, int]) -> Window:
     """The window of a whole picture (width, height), enlarged to the right and below."""
-    width, height = (rounded_up(side, _MULTIPLE) for side in size)
+    width, height = (rounded_up(side, MULTIPLE) for side in size)
     return Window(0, 0, width, height)

@@ -64,7 +64,7 @@ def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
     estimators: dict[SampleSettings, dict[str, NormalEstimator]] = {settings: {BODY: BodyNormals()}}
     for name, path in asked.networks.items():
         network = installed.loaded(path)
-        size = settings.of_detail() if network.side_px else settings
+        size = settings.seen_at(network.side_px) if network.side_px else settings
         estimators.setdefault(size, {})[name] = network
     found: dict[str, list[NormalsJudgement]] = {name: [] for name in (BODY, *asked.networks)}
     for view in range(settings.views):

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.core.array_files.npz import read_array_npz
-from harness.core.errors import DataError, HarnessError
+from harness.core.errors import HarnessError
 from harness.core.files.atomic import exclusive_lock, remove_leftovers
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
@@ -16,6 +15,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
 from harness.pipeline.training.sample_worker import SampleJob
 from harness.pipeline.training.samples import SampleSettings, samples_key
+from methods.normals.training.sample_key import stored_key
 
 if TYPE_CHECKING:
     # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
@@ -120,9 +120,6 @@ def ensure_samples(
 def _is_current(source: Source, subject: str, settings: SampleSettings, path: Path) -> bool:
     if source.is_generated and not source.avatar_is_current(subject):
         return False
-    try:
-        found = read_array_npz(path, ["key"])
-    except DataError:
-        # Absent or damaged: made again.
-        return False
-    return "key" in found and str(found["key"]) == samples_key(source.locate(subject), settings)
+    key = stored_key(path)
+    # Without one there is nothing to compare, and the scan need not be hashed.
+    return bool(key) and key == samples_key(source.locate(subject), settings)

@@ -43,6 +43,7 @@ from methods.normals.training.variations.light import (
     photographed,
 )
 from methods.normals.training.variations.relighting import LAMPS, packed_lights
+from methods.normals.window import MULTIPLE
 from renderers.protocol import texture_of
 
 __all__ = [
@@ -61,8 +62,6 @@ SAMPLES_VERSION = 3
 #: Rays along each side of a pixel of the photo.
 _SUPERSAMPLE = 2
 _OPENNESS_RAYS = 32
-#: Networks halve their pictures five times.
-_MULTIPLE = 32
 #: Textures of a subject: its own for half of the photos, and printed ones.
 _PRINTED_SHARE, _PRINTED = 0.5, 3
 
@@ -86,11 +85,15 @@ class SampleSettings:
 
     def of_detail(self) -> SampleSettings:
         """The same scenes as the second network sees them: larger."""
-        side, width, height = (
-            rounded_up(round(LARGER * px), _MULTIPLE)
-            for px in (self.side_px, self.width_px, self.height_px)
+        return self.seen_at(rounded_up(round(LARGER * self.side_px), MULTIPLE))
+
+    def seen_at(self, side_px: int) -> SampleSettings:
+        """The same scenes with another side of the square."""
+        width, height = (
+            rounded_up(round(side_px / self.side_px * px), MULTIPLE)
+            for px in (self.width_px, self.height_px)
         )
-        return replace(self, side_px=side, width_px=width, height_px=height)
+        return replace(self, side_px=side_px, width_px=width, height_px=height)
 
 
 def samples_key(scan: Scan, settings: SampleSettings) -> str:

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from harness.core.array_files.npz import read_array_npz, write_npz
-from harness.core.errors import DataError
+from harness.core.array_files.npz import write_npz
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.geometry.images import packed_normals
 from methods.normals.training.networks.detailed import FirstLook
 from methods.normals.training.networks.starting import network_from
+from methods.normals.training.sample_key import stored_key
 from methods.normals.training.samples import Samples, read_samples
 
 __all__ = ["FIRST_ANSWERS_VERSION", "FirstAnswers"]
@@ -50,7 +50,7 @@ class FirstAnswers:
             DataError: not a file of samples.
         """
         key = self._key(samples)
-        if _key_of(path) == key:
+        if stored_key(path) == key:
             return
         arrays = read_samples(samples)
         photos = Samples([arrays], [str(arrays["key"])])
@@ -69,15 +69,7 @@ class FirstAnswers:
         return content_hash(
             {
                 "version": FIRST_ANSWERS_VERSION,
-                "samples": _key_of(samples),
+                "samples": stored_key(samples),
                 "network": self._sha256,
             }
         )
-
-
-def _key_of(path: Path) -> str:
-    try:
-        return str(read_array_npz(path, ["key"]).get("key", ""))
-    except DataError:
-        # Absent or damaged: made again.
-        return ""

@@ -11,9 +11,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from methods.normals.training.networks.folds import StrongerFolds
-from methods.normals.training.networks.network import MULTIPLE, Answer, Averaged, NormalNetwork
+from methods.normals.training.networks.folds import BLUR_PX, StrongerFolds
+from methods.normals.training.networks.network import CHANNELS, Answer, Averaged, NormalNetwork
 from methods.normals.training.settings import LARGER
+from methods.normals.window import MULTIPLE
 
 __all__ = ["Detailed", "FirstLook"]
 
@@ -21,8 +22,6 @@ __all__ = ["Detailed", "FirstLook"]
 _OUT, _IN = 2, 3
 #: Sides of the large picture are multiples of this, so that both networks' are multiples of theirs.
 _MULTIPLE = _IN * MULTIPLE
-#: Image, mask, body front and back.
-_CHANNELS = 3 + 1 + 3 + 3
 #: A reduced pixel belongs to the subject if so much of it does, and to the body if its mean normal
 #: is so long.
 _HALF = 0.5
@@ -45,7 +44,7 @@ class Detailed(nn.Module):
         super().__init__()
         self.first = FirstLook(whole)
         self.detail = detail
-        self.stronger = StrongerFolds(fold_gain, blur_px=4.0 * LARGER)
+        self.stronger = StrongerFolds(fold_gain, blur_px=LARGER * BLUR_PX)
 
     def forward(self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor) -> Answer:
         """As ``NormalNetwork.forward``, of a picture that is one and a half times as large."""
@@ -80,7 +79,7 @@ class FirstLook(nn.Module):
         """
         height, width = mask.shape[2:]
         scene = torch.cat([(image + 1.0) * mask, mask, body_front, body_back], dim=1)
-        # Shared between both sides, so that a mirrored scene has the mirrored answer.
+        # Shared between both sides: the subject stays in the middle.
         across, down = -width % _MULTIPLE, -height % _MULTIPLE
         left, top = across // 2, down // 2
         scene = nn.functional.pad(scene, (left, across - left, top, down - top))
@@ -106,12 +105,12 @@ class _Reduced(nn.Module):
         # exactly in a file of half precision.
         shares = torch.tensor([[2.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
         kernel = torch.einsum("ai,bj->abij", shares, shares).reshape(-1, 1, _IN, _IN)
-        self.register_buffer("kernel", kernel.repeat(_CHANNELS, 1, 1, 1))
+        self.register_buffer("kernel", kernel.repeat(CHANNELS, 1, 1, 1))
         self.together = nn.PixelShuffle(_OUT)
 
     def forward(self, maps: Tensor) -> Tensor:
         """(B, 10, 2H/3, 2W/3) of maps (B, 10, H, W)."""
-        means = nn.functional.conv2d(maps, self.kernel, stride=_IN, groups=_CHANNELS)
+        means = nn.functional.conv2d(maps, self.kernel, stride=_IN, groups=CHANNELS)
         return self.together(means) / _IN**2
 
 

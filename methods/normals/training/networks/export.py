@@ -17,9 +17,10 @@ from torch import nn
 
 from harness.core.errors import MethodError, MissingPart
 from harness.core.files.atomic import atomic_path
-from methods.normals.training.networks.network import MULTIPLE, Answer
+from methods.normals.training.networks.network import Answer
 from methods.normals.training.networks.starting import HALF
 from methods.normals.training.networks.transposed import with_plain_convolutions
+from methods.normals.window import MULTIPLE
 
 __all__ = ["export_network"]
 

@@ -13,10 +13,10 @@ import math
 import torch
 from torch import Tensor, nn
 
-__all__ = ["StrongerFolds"]
+__all__ = ["BLUR_PX", "StrongerFolds"]
 
 #: Standard deviation of the blur: 15 mm on a subject that fills 512 pixels, as ``metrics.folds``.
-_BLUR_PX = 4.0
+BLUR_PX = 4.0
 #: How far it reaches, in standard deviations.
 _REACH = 3
 #: Three components and the mask.
@@ -40,7 +40,7 @@ class StrongerFolds(nn.Module):
     column: Tensor
     row: Tensor
 
-    def __init__(self, gain: float, blur_px: float = _BLUR_PX) -> None:
+    def __init__(self, gain: float, blur_px: float = BLUR_PX) -> None:
         super().__init__()
         self.gain, self.reach = gain, round(_REACH * blur_px)
         offsets = torch.arange(-self.reach, self.reach + 1, dtype=torch.float32)

@@ -16,13 +16,12 @@ import torch
 from torch import Tensor, nn
 
 from methods.normals.training.networks.folds import StrongerFolds
+from methods.normals.window import MULTIPLE
 
-__all__ = ["MULTIPLE", "Answer", "Averaged", "Block", "NormalNetwork"]
+__all__ = ["CHANNELS", "Answer", "Averaged", "Block", "NormalNetwork"]
 
-#: Sides of the input are multiples of this.
-MULTIPLE = 32
 #: Image, mask, body front and back.
-_CHANNELS = 3 + 1 + 3 + 3
+CHANNELS = 3 + 1 + 3 + 3
 #: Both sides' normals, and the logarithms of their expected errors.
 _ANSWERS = 3 + 3 + 1 + 1
 _HEADS = 4
@@ -110,7 +109,7 @@ class NormalNetwork(nn.Module):
         sharp: tuple[int, int] = (1, 2),
     ) -> None:
         super().__init__()
-        self.stem = nn.Conv2d(_CHANNELS, fine, 6, stride=2, padding=2)
+        self.stem = nn.Conv2d(CHANNELS, fine, 6, stride=2, padding=2)
         self.look = _blocks(sharp[0], fine)
         self.enter = nn.Conv2d(fine, widths[0], 4, stride=2, padding=1)
         self.halve = nn.ModuleList(

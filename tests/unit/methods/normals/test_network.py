@@ -9,7 +9,8 @@ from harness.core.errors import DataError  # noqa: E402
 from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
 from methods.normals.training.networks import starting  # noqa: E402
 from methods.normals.training.networks.export import export_network  # noqa: E402
-from methods.normals.training.networks.network import MULTIPLE, Answer, Averaged, NormalNetwork  # noqa: E402
+from methods.normals.training.networks.network import Answer, Averaged, NormalNetwork  # noqa: E402
+from methods.normals.window import MULTIPLE  # noqa: E402
 
 ABOUT = {"name": "test", "licence": "CC0-1.0", "training_set": "none", "window": "mask"}
 

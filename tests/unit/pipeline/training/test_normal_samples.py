@@ -309,6 +309,7 @@ def test_a_network_is_judged_at_the_size_that_it_asks_for(source, tmp_path):
     export_network(Detailed(NormalNetwork(), NormalNetwork()), path, about)
     photos = SampleSettings(views=1, side_px=320, width_px=192, height_px=288)
     assert photos.of_detail() == SampleSettings(1, 480, 288, 448)
+    assert photos.seen_at(400) == SampleSettings(1, 400, 256, 384)
     request = JudgeRequest(replace(source, subjects=("p2",)), {"untrained": path}, photos)
     body, network = judged_networks(request, Silent())
     # It answers with the body that it is given, a little smoother, in the same scene.
