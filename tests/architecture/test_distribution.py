@@ -64,7 +64,7 @@ def test_the_search_for_machine_paths_lets_others_pass(text: str) -> None:
 
 def test_the_top_level_holds_what_the_design_names() -> None:
     named = PACKAGES | {
-        ".ci", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md",
+        ".ci", ".gitattributes", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md",
         "LICENSE", "README.md", "constraints.txt", "data_manifest.yaml", "docs", "examples",
         "pyproject.toml", "tests",
     }  # fmt: skip
