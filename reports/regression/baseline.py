@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
@@ -21,10 +21,10 @@ __all__ = [
     "Tolerance",
     "Value",
     "common_settings",
+    "default_tolerance",
     "inputs_of",
     "numbers_of",
     "update",
-    "with_spread",
 ]
 
 BASELINE_SCHEMA = 1
@@ -61,8 +61,6 @@ _DEFAULT_TOLERANCES: Mapping[str, Tolerance] = {
     "1": Tolerance(absolute=0.0005, relative=0.01, unit="1", source=_ROUNDING),
     "ratio": Tolerance(absolute=0.002, relative=0.0, unit="ratio", source=_ROUNDING),
 }
-#: How many times the largest difference between runs a number may move.
-_SPREADS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +230,7 @@ def update(records: Sequence[Record], previous: Baseline | None = None) -> Basel
     for record in records:
         for name, number in numbers_of(record).items():
             if name not in tolerances:
-                tolerances[name] = _default_tolerance(name, number.unit)
+                tolerances[name] = default_tolerance(name, number.unit)
     return Baseline(
         dataset=dataset,
         recipe=recipe,
@@ -241,36 +239,6 @@ def update(records: Sequence[Record], previous: Baseline | None = None) -> Basel
         new_methods=dict(previous.new_methods) if previous else {},
         entries={(record.method_name, record.subject): Entry.of(record) for record in records},
     )
-
-
-def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Baseline:
-    """The baseline with tolerances from how far other runs of the same cells are from it.
-
-    A method's tolerance for a metric becomes twice the largest difference over its subjects and
-    over the runs, but not less than the default; it says so as its source.
-
-    Args:
-        baseline: Whose numbers stay.
-        runs: Records of the same cells, by the run's name.
-    """
-    largest: dict[str, tuple[float, str]] = {}
-    for records in runs.values():
-        for record in records:
-            entry = baseline.entries.get((record.method_name, record.subject))
-            for name, number in numbers_of(record).items():
-                if entry is None or name not in entry.metrics:
-                    continue
-                path = f"{record.method_name}/{name}"
-                apart = abs(number.value - entry.metrics[name].value)
-                largest[path] = max(largest.get(path, (0.0, "")), (apart, number.unit))
-    tolerances = {path: value for path, value in baseline.tolerances.items() if "/" not in path}
-    for path, (apart, unit) in largest.items():
-        default = tolerances.get(path.partition("/")[2]) or _default_tolerance(path, unit)
-        if _SPREADS * apart > default.absolute:
-            source = f"twice the largest difference of the runs {', '.join(runs)}"
-            absolute = float(f"{_SPREADS * apart:.3g}")
-            tolerances[path] = Tolerance(absolute, default.relative, unit, source)
-    return replace(baseline, tolerances=tolerances)
 
 
 def common_settings(records: Sequence[Record]) -> tuple[str, str, Mapping[str, object]]:
@@ -287,7 +255,12 @@ def common_settings(records: Sequence[Record]) -> tuple[str, str, Mapping[str, o
     return records[0].dataset, recipe, records[0].protocol.to_flat()
 
 
-def _default_tolerance(metric: str, unit: str) -> Tolerance:
+def default_tolerance(metric: str, unit: str) -> Tolerance:
+    """What a metric in this unit has as long as none was measured for it.
+
+    Raises:
+        DataError: a unit that has no default.
+    """
     if unit not in _DEFAULT_TOLERANCES:
         raise DataError(
             f"no default tolerance for {metric}",

@@ -17,7 +17,16 @@ from reports.regression.baseline import (
     numbers_of,
 )
 
-__all__ = ["Changed", "Comparison", "Missing", "Moved", "compare", "to_markdown", "to_text"]
+__all__ = [
+    "Changed",
+    "Comparison",
+    "Missing",
+    "Moved",
+    "check_settings",
+    "compare",
+    "to_markdown",
+    "to_text",
+]
 
 _KEY_DIGITS = 8
 _VALUE_LENGTH = 48
@@ -109,7 +118,7 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
         ProtocolMismatch: another dataset, recipe, protocol or unit than the baseline's.
         DataError: the baseline has no tolerance for one of its metrics.
     """
-    _check_settings(records, baseline)
+    check_settings(records, baseline)
     present = {(record.method_name, record.subject): record for record in records}
     findings = _Findings()
     for cell, entry in sorted(baseline.entries.items()):
@@ -132,7 +141,18 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
     )
 
 
-def _check_settings(records: Sequence[Record], baseline: Baseline) -> None:
+def check_settings(records: Sequence[Record], baseline: Baseline, of: str = "the records") -> None:
+    """Whether the records were made as the baseline's were: else it raises.
+
+    Args:
+        records: What is to be compared.
+        baseline: What with.
+        of: What they are called in an error.
+
+    Raises:
+        HarnessError: no records.
+        ProtocolMismatch: another dataset, recipe or protocol than the baseline's.
+    """
     dataset, recipe, protocol = common_settings(records)
     for what, expected, got in (
         ("dataset", baseline.dataset, dataset),
@@ -141,7 +161,7 @@ def _check_settings(records: Sequence[Record], baseline: Baseline) -> None:
     ):
         if expected != got:
             raise ProtocolMismatch(
-                f"the records cannot be compared with the baseline: their {what} differs",
+                f"{of} cannot be compared with the baseline: their {what} differs",
                 expected=str(expected),
                 got=str(got),
                 hint="Evaluate as the baseline was, or write a new one with --update",

@@ -64,9 +64,9 @@ def test_the_search_for_machine_paths_lets_others_pass(text: str) -> None:
 
 def test_the_top_level_holds_what_the_design_names() -> None:
     named = PACKAGES | {
-        ".ci", ".gitattributes", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md",
-        "LICENSE", "README.md", "constraints.txt", "data_manifest.yaml", "docs", "examples",
-        "pyproject.toml", "tests",
+        ".ci", ".gitattributes", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff",
+        "CONTRIBUTING.md", "LICENSE", "README.md", "constraints.txt", "data_manifest.yaml", "docs",
+        "examples", "pyproject.toml", "tests",
     }  # fmt: skip
 
     assert {path.relative_to(ROOT).parts[0] for path in tracked()} - named == set()

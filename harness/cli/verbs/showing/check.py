@@ -13,9 +13,10 @@ from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.store import RunStore
-from reports.regression.baseline import Baseline, with_spread
+from reports.regression.baseline import Baseline
 from reports.regression.baseline import update as new_baseline
 from reports.regression.compare import compare, to_markdown, to_text
+from reports.regression.spread import with_spread
 
 __all__ = ["app"]
 

@@ -24,9 +24,9 @@ from reports.regression.baseline import (
     Value,
     inputs_of,
     update,
-    with_spread,
 )
 from reports.regression.compare import compare, to_markdown, to_text
+from reports.regression.spread import with_spread
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 HULL = [record for record in RECORDS if record.method_name == "hull8"]
@@ -293,3 +293,10 @@ def test_a_measured_spread_becomes_the_methods_own_tolerance(tmp_path):
     assert "hull8/normal_error" not in made.tolerances
     made.save(tmp_path / "baseline.json")
     assert Baseline.load(tmp_path / "baseline.json") == made
+
+
+def test_a_spread_is_not_measured_with_other_photos():
+    base = update(HULL)
+    with pytest.raises(ProtocolMismatch, match="run other-light .* their recipe differs") as raised:
+        with_spread(base, {"other-light": [replace(record, recipe="paper8") for record in HULL]})
+    assert "paper8" in str(raised.value)

@@ -1,0 +1,50 @@
+"""Tolerances of a baseline that are measured: how far other runs of the same cells are from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from harness.core.records import Record
+from reports.regression.baseline import Baseline, Tolerance, default_tolerance, numbers_of
+from reports.regression.compare import check_settings
+
+__all__ = ["with_spread"]
+
+#: How many times the largest difference between runs a number may move.
+_SPREADS = 2.0
+
+
+def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Baseline:
+    """The baseline with tolerances from how far other runs of the same cells are from it.
+
+    A method's tolerance for a metric becomes twice the largest difference over its subjects and
+    over the runs, but not less than the default; it says so as its source.
+
+    Args:
+        baseline: Whose numbers stay.
+        runs: Records of the same cells, by the run's name.
+
+    Raises:
+        HarnessError: a run without records.
+        ProtocolMismatch: a run of another dataset, recipe or protocol than the baseline's.
+    """
+    largest: dict[str, tuple[float, str]] = {}
+    for run, records in runs.items():
+        check_settings(records, baseline, f"the records of run {run}")
+        for record in records:
+            entry = baseline.entries.get((record.method_name, record.subject))
+            for name, number in numbers_of(record).items():
+                if entry is None or name not in entry.metrics:
+                    continue
+                path = f"{record.method_name}/{name}"
+                apart = abs(number.value - entry.metrics[name].value)
+                largest[path] = max(largest.get(path, (0.0, "")), (apart, number.unit))
+    tolerances = {path: value for path, value in baseline.tolerances.items() if "/" not in path}
+    for path, (apart, unit) in largest.items():
+        default = tolerances.get(path.partition("/")[2]) or default_tolerance(path, unit)
+        if _SPREADS * apart > default.absolute:
+            source = f"twice the largest difference of the runs {', '.join(runs)}"
+            absolute = float(f"{_SPREADS * apart:.3g}")
+            tolerances[path] = Tolerance(absolute, default.relative, unit, source)
+    return replace(baseline, tolerances=tolerances)
