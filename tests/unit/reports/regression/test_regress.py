@@ -295,7 +295,7 @@ def test_a_measured_spread_becomes_the_methods_own_tolerance(tmp_path):
     assert Baseline.load(tmp_path / "baseline.json") == made
 
 
-def test_a_spread_is_not_measured_with_other_photos():
+def test_a_spread_is_not_measured_with_another_recipe():
     base = update(HULL)
     with pytest.raises(ProtocolMismatch, match="run other-light .* their recipe differs") as raised:
         with_spread(base, {"other-light": [replace(record, recipe="paper8") for record in HULL]})
