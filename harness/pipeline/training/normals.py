@@ -28,7 +28,7 @@ from harness.pipeline.training.sittings import (
     without_leaks,
 )
 from methods.normals.installed import OPEN_NETWORK
-from methods.normals.training.settings import TrainingSettings
+from methods.normals.training.settings import NetworkPart, TrainingSettings
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -59,8 +59,9 @@ class TrainingRequest:
         blend: Share of the start's weights in the network, below 1; 0 without a start.
         fold_gain: How many times as strong folds become in front where the network is unsure; 1
             leaves all folds.
-        detail: Whether the second network is trained, which sees the person larger and has its own
-            form of both settings; the first one of ``start`` stays as it is.
+        part: Which network is trained. The second one and both together have their own forms of
+            both settings; where the second one is trained, the first one of ``start`` stays as it
+            is.
     """
 
     sources: tuple[Source, ...]
@@ -74,7 +75,7 @@ class TrainingRequest:
     name: str = OPEN_NETWORK
     blend: float = 0.0
     fold_gain: float = 1.0
-    detail: bool = False
+    part: NetworkPart = NetworkPart.FIRST
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,15 +120,15 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
     from methods.normals.training.first_answers import FirstAnswers
     from methods.normals.training.loop import train
-    from methods.normals.training.networks.starting import started_from
+    from methods.normals.training.networks.learned import Alone, Together
     from methods.normals.training.samples import Samples
 
     _check_request(request)
-    if request.detail:
-        samples, training = request.samples.of_detail(), request.training.of_detail()
-        request = replace(request, samples=samples, training=training)
+    if request.part is not NetworkPart.FIRST:
+        request = replace(request, samples=request.samples.of_detail())
+    request = replace(request, training=request.training.of(request.part))
     before = () if request.start is None else sittings_of(request.start)
-    start = None if request.start is None else started_from(request.start, detail=request.detail)
+    start = None if request.start is None else _first_weights(request.start, request.part)
     sha256 = "" if request.start is None else file_sha256(request.start)
     split = tuple(
         SampleFiles.ensured(source, request.samples, request.held_out, request.jobs, progress)
@@ -138,7 +139,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     # What the whole network is judged on, whichever part of it is trained.
     people = Samples.load([path for part in split for path in part.judging.values()])
     judges = people
-    if request.detail and request.start:
+    if request.part is NetworkPart.SECOND and request.start:
         folder = request.sources[0].workspace.root / "samples" / "first-answers"
         split = with_first_answers(split, FirstAnswers(request.start), folder, progress)
         judges = Samples.load([path for part in split for path in part.judging.values()])
@@ -149,7 +150,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         replace(request.training, start=sha256),
         request.directory,
         lambda steps, line: _report(progress, steps, line),
-        start,
+        Together(start) if request.part is NetworkPart.BOTH else Alone(start),
     )
     blend = None
     if start and request.blend:
@@ -163,9 +164,18 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         curve=trained.looks,
         blend=blend,
         fold_gain=request.fold_gain,
-        detail=request.detail,
+        part=request.part,
+        device=trained.device,
     )
     return _written(request, trained, (*before, sitting), people)
+
+
+def _first_weights(start: Path, part: NetworkPart) -> dict[str, Tensor]:
+    from methods.normals.training.networks.starting import both_started_from, started_from
+
+    if part is NetworkPart.BOTH:
+        return both_started_from(start)
+    return started_from(start, detail=part is NetworkPart.SECOND)
 
 
 def _blended(
@@ -190,7 +200,7 @@ def _check_request(request: TrainingRequest) -> None:
             expected="a share from 0 to below 1, of a network to start from",
             hint="Give --from and another --blend, or leave out --blend",
         )
-    if request.detail and request.start is None:
+    if request.part is NetworkPart.SECOND and request.start is None:
         raise HarnessError(
             "a second network cannot be trained without a first one",
             expected="a network to start from",
@@ -237,13 +247,16 @@ def _written(
 def _network(request: TrainingRequest, trained: Trained) -> nn.Module:
     """What the file answers with."""
     from methods.normals.training.networks.detailed import Detailed
-    from methods.normals.training.networks.network import Averaged
+    from methods.normals.training.networks.network import Averaged, NormalNetwork
     from methods.normals.training.networks.starting import network_from
 
     network = trained.network.cpu()
-    if not (request.detail and request.start):
-        return Averaged(network, request.fold_gain)
-    return Detailed(network_from(request.start), network, request.fold_gain)
+    if isinstance(network, Detailed):
+        return Detailed(network.first.whole.network, network.detail, request.fold_gain)
+    assert isinstance(network, NormalNetwork)
+    if request.part is NetworkPart.SECOND and request.start:
+        return Detailed(network_from(request.start), network, request.fold_gain)
+    return Averaged(network, request.fold_gain)
 
 
 def _report(progress: Progress, steps: int, line: str) -> None:
@@ -268,6 +281,6 @@ def _about(request: TrainingRequest, sittings: Sequence[Sitting]) -> dict[str, s
         + version,
         "training_set_licence": ", ".join(licences),
         "window": "mask",
-        **({"side_px": str(request.samples.side_px)} if request.detail else {}),
+        **({} if request.part is NetworkPart.FIRST else {"side_px": str(request.samples.side_px)}),
         METADATA: json.dumps([sitting.to_dict() for sitting in sittings]),
     }

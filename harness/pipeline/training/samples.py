@@ -34,15 +34,16 @@ from methods.body.models.anny_body import AnnyBody
 from methods.body.models.perturbation import FitErrors, as_fitted
 from methods.normals.training.settings import LARGER
 from methods.normals.training.variations.light import (
+    LAMPS,
     Gloss,
     Lamp,
     Light,
     drawn_gloss,
     drawn_lamp,
     drawn_light,
+    packed_lights,
     photographed,
 )
-from methods.normals.training.variations.relighting import LAMPS, packed_lights
 from methods.normals.window import MULTIPLE
 from renderers.protocol import texture_of
 

@@ -15,6 +15,7 @@ from typing import Any
 from harness.core.errors import DataError, HarnessError
 from methods.normals.onnx_files import read_network
 from methods.normals.training.curve import Look
+from methods.normals.training.settings import NetworkPart
 
 __all__ = ["METADATA", "Blend", "Sitting", "provenance", "sittings_of", "spans", "without_leaks"]
 
@@ -50,8 +51,8 @@ class Sitting:
         blend: What became of the trained weights; None if they are the network's.
         fold_gain: How many times as strong the network's file makes folds in front where it is
             unsure.
-        detail: Whether the second network was trained, which sees the person larger, and not the
-            first one.
+        part: Which network of two was trained.
+        device: The graphics processor that trained it; empty if none did.
     """
 
     command: str
@@ -62,7 +63,8 @@ class Sitting:
     curve: tuple[Look, ...]
     blend: Blend | None = None
     fold_gain: float = 1.0
-    detail: bool = False
+    part: NetworkPart = NetworkPart.FIRST
+    device: str = ""
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -78,12 +80,18 @@ class Sitting:
             judged={name: tuple(ids) for name, ids in values["judged"].items()},
             datasets_version=values["datasets_version"],
             curve=tuple(Look(**row) for row in values["curve"]),
-            # Files of the first seven sittings have no blend, those of the first nine no gain, and
-            # those of the first eleven no second network.
+            # Files of the first seven sittings have no blend, those of the first nine no gain,
+            # those of the first eleven no second network, and those of the first twelve no device.
             blend=Blend(**values["blend"]) if values.get("blend") else None,
             fold_gain=values.get("fold_gain", 1.0),
-            detail=values.get("detail", False),
+            part=_part(values),
+            device=values.get("device", ""),
         )
+
+
+def _part(values: Mapping[str, Any]) -> NetworkPart:
+    before = NetworkPart.SECOND if values.get("detail") else NetworkPart.FIRST
+    return NetworkPart(values.get("part", before))
 
 
 def sittings_of(path: Path) -> tuple[Sitting, ...]:
@@ -174,11 +182,15 @@ _ORIGINS = (
     ),
 )
 
-_DETAIL = (
-    " It trained the second network, which sees the person one and a half times as large and is "
-    "given the first network's answers in place of the body's normals; the first one stayed as it "
-    "was."
-)
+_PARTS = {
+    NetworkPart.FIRST: "",
+    NetworkPart.SECOND: " It trained the second network, which sees the person one and a half "
+    "times as large and is given the first network's answers in place of the body's normals; the "
+    "first one stayed as it was.",
+    NetworkPart.BOTH: " It trained both networks together: the first one on whole people, and the "
+    "second one, which sees them one and a half times as large, on windows around some of their "
+    "pixels, given what the first one answered in that step.",
+}
 
 
 def provenance(name: str, sittings: Sequence[Sitting]) -> str:
@@ -192,14 +204,16 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
         judged = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.judged.items())
         count = sum(len(ids) for ids in sitting.trained.values())
         start = f"the network of sha256 `{sitting.start}`" if sitting.start else "random weights"
-        what = _DETAIL if sitting.detail else ""
+        what = _PARTS[sitting.part]
+        what += f" The steps were done by one {sitting.device}." if sitting.device else ""
         parts += [
             f"## Sitting {number}\n",
             f"```sh\n{sitting.command}\n```\n",
             f"It started from {start} and saw {count} subjects: {trained} (version "
             f"{sitting.datasets_version}). These only judged: {judged}.{what}\n",
         ]
-        parts.append(_curve(sitting.curve, "first answers" if sitting.detail else "bodies"))
+        given = "first answers" if sitting.part is NetworkPart.SECOND else "bodies"
+        parts.append(_curve(sitting.curve, given))
         if sitting.blend:
             parts.append(_blending(sitting.blend))
         if sitting.fold_gain != 1.0:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import os
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from pickle import UnpicklingError
 
@@ -16,11 +18,11 @@ from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import atomic_path
 from harness.core.files.hashing import content_hash, derive_seed
 from methods.normals.training.curve import Look, write_curve
+from methods.normals.training.drawer import Drawer
 from methods.normals.training.lanes import LANES, Lanes
-from methods.normals.training.losses import total
-from methods.normals.training.networks.network import Answer, NormalNetwork
+from methods.normals.training.networks.learned import Alone, Learned, answered
 from methods.normals.training.optimiser import Muon
-from methods.normals.training.samples import Batch, Samples
+from methods.normals.training.samples import Samples
 from methods.normals.training.settings import TrainingSettings
 
 __all__ = ["Angles", "Trained", "judged", "train"]
@@ -47,11 +49,15 @@ class Angles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trained:
-    """The network (its averaged weights), how it came about, and the file of that."""
+    """The network (its averaged weights), how it came about, and the file of that.
 
-    network: NormalNetwork
+    ``device`` names the graphics processor that it was trained on; it is empty if there was none.
+    """
+
+    network: nn.Module
     looks: tuple[Look, ...]
     curve: Path
+    device: str = ""
 
 
 def train(
@@ -60,7 +66,7 @@ def train(
     settings: TrainingSettings,
     directory: Path,
     tell: Tell,
-    start: Mapping[str, Tensor] | None = None,
+    learned: Learned | None = None,
 ) -> Trained:
     """A network trained on ``samples``, its error on ``judges`` written to ``curve.csv``.
 
@@ -70,19 +76,19 @@ def train(
     Args:
         samples: What is learned.
         judges: What only measures.
-        settings: How; ``settings.start`` names ``start``.
+        settings: How; ``settings.start`` names the weights that ``learned`` starts with.
         directory: Of checkpoint and curve.
         tell: Called with the steps done and, now and then, a line.
-        start: The first weights; random ones unless given.
+        learned: What is trained; one network from random weights unless given.
 
     Raises:
         HarnessError: the checkpoint was made with others.
     """
-    run = _Run.start(samples, settings, directory / "checkpoint.pt", start)
+    run = _Run.start(samples, settings, directory / "checkpoint.pt", learned or Alone())
     tell(run.step, f"going on after step {run.step}" if run.step else "")
     began = time.monotonic()
     while run.step < settings.steps:
-        run.advance(samples)
+        run.advance()
         tell(1, "")
         if run.step % settings.judge_every == 0 or run.step == settings.steps:
             seconds = run.seconds + time.monotonic() - began
@@ -90,25 +96,29 @@ def train(
             write_curve(directory / "curve.csv", run.looks)
             run.save(seconds)
             tell(0, str(run.looks[-1]))
-    return Trained(run.average, tuple(run.looks), directory / "curve.csv")
+    return Trained(run.average, tuple(run.looks), directory / "curve.csv", _named(run.device))
 
 
 class _Run:
     """Everything that a checkpoint holds."""
 
     def __init__(
-        self, key: str, settings: TrainingSettings, path: Path, start: Mapping[str, Tensor] | None
+        self,
+        samples: Samples,
+        settings: TrainingSettings,
+        path: Path,
+        learned: Learned,
     ) -> None:
         torch.manual_seed(derive_seed(settings.seed, "normal-network") % 2**31)
-        self.key, self.settings, self.path = key, settings, path
-        self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        self.network = _placed(NormalNetwork(), self.device)
-        if start is not None:
-            # Blocks that an earlier network had not keep their first values.
-            self.network.load_state_dict({**self.network.state_dict(), **start})
-        self.average = _placed(NormalNetwork(), self.device)
-        self.average.load_state_dict(self.network.state_dict())
-        self.lanes = Lanes(self.network, min(LANES, settings.batch))
+        self.settings, self.path, self.learned = settings, path, learned
+        self.key = content_hash({**asdict(settings), "samples": list(samples.keys)})
+        self.device = _chosen_device()
+        self.network = _placed(learned.network(), self.device)
+        self.average = copy.deepcopy(self.network)
+        # Cores share a batch; a graphics processor is faster with all of it.
+        lanes = min(LANES, settings.batch) if self.device.type == "cpu" else 1
+        self.lanes = Lanes(self.network, lanes)
+        self.drawer = Drawer(samples, settings, self.device, lanes)
         self.optimiser = Muon(self.network.parameters(), settings.rate, settings.decay)
         self.step, self.seconds, self.loss = 0, 0.0, math.nan
         self.looks: list[Look] = []
@@ -119,15 +129,14 @@ class _Run:
         samples: Samples,
         settings: TrainingSettings,
         path: Path,
-        start: Mapping[str, Tensor] | None,
+        learned: Learned,
     ) -> _Run:
-        key = content_hash({**asdict(settings), "samples": list(samples.keys)})
-        run = cls(key, settings, path, start)
+        run = cls(samples, settings, path, learned)
         if not path.is_file():
             return run
         try:
             saved = torch.load(path, map_location=run.device, weights_only=True)
-            if saved["key"] != key:
+            if saved["key"] != run.key:
                 raise HarnessError(
                     f"the checkpoint {path} is of another training",
                     expected="the same samples and settings",
@@ -156,16 +165,12 @@ class _Run:
         with atomic_path(self.path) as temporary:
             torch.save(state, temporary)
 
-    def advance(self, samples: Samples) -> None:
+    def advance(self) -> None:
         """One step; what it does follows from its number alone."""
 
         def loss(number: int, network: nn.Module) -> Tensor:
-            seed = derive_seed(self.settings.seed, "normal-step", self.step, number)
-            draw = torch.Generator().manual_seed(seed % 2**31)
-            count = (self.settings.batch + number) // self.lanes.count
-            part = replace(self.settings, batch=count)
-            batch = samples.drawn(part, draw).to(self.device)
-            return total(_answer(network, batch), batch, self.settings.losses)
+            batch, draw = self.drawer.batch(self.step, number)
+            return self.learned.loss(network, batch, self.settings, draw)
 
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate * _rate(self.step / self.settings.steps)
@@ -190,23 +195,23 @@ class _Run:
                 mean.lerp_(now, 1.0 - keep)
 
 
-def _placed(network: NormalNetwork, device: torch.device) -> NormalNetwork:
+def _chosen_device() -> torch.device:
+    """The graphics processor if there is one, told to repeat what it does bit by bit."""
+    if not torch.cuda.is_available():
+        return torch.device("cpu")
+    # Read when the first matrix is multiplied.
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    torch.use_deterministic_algorithms(True, warn_only=True)
+    return torch.device("cuda")
+
+
+def _named(device: torch.device) -> str:
+    return "" if device.type == "cpu" else torch.cuda.get_device_name(device)
+
+
+def _placed(network: nn.Module, device: torch.device) -> nn.Module:
     # Convolutions of both kinds of processor are fastest with channels last.
     return network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-
-def _answer(network: nn.Module, batch: Batch) -> Answer:
-    with torch.autocast(batch.image.device.type, dtype=torch.bfloat16, enabled=_halves(batch)):
-        answer = network(batch.image, batch.mask, batch.body_front, batch.body_back)
-    return Answer(*(values.float() for values in answer))
-
-
-def _halves(batch: Batch) -> bool:
-    """Whether the processor multiplies bfloat16 matrices faster than float32."""
-    if batch.image.is_cuda:
-        return torch.cuda.is_bf16_supported()
-    able = torch.cpu.get_capabilities()
-    return bool(able.get("amx_bf16", False) or able.get("avx512_bf16", False))
 
 
 def _rate(progress: float) -> float:
@@ -224,7 +229,7 @@ def judged(network: nn.Module, judges: Samples, device: torch.device) -> Angles:
     with torch.no_grad():
         for first in range(0, len(judges), _JUDGE_BATCH):
             batch = judges.at(range(first, min(first + _JUDGE_BATCH, len(judges)))).to(device)
-            answer = _answer(network, batch)
+            answer = answered(network, batch)
             for row, (normals, true, inside) in enumerate(
                 (
                     (answer.front, batch.front, batch.front_inside),

@@ -3,11 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
-__all__ = ["LARGER", "FaultShares", "LossWeights", "TrainingSettings", "Turning", "Windows"]
+__all__ = [
+    "LARGER",
+    "FaultShares",
+    "LossWeights",
+    "NetworkPart",
+    "TrainingSettings",
+    "Turning",
+    "Windows",
+]
 
 #: How many times as large as the first network the second one sees a photo: 3 pixels for 2.
 LARGER = 1.5
+
+#: More columns than any sample has.
+_WHOLE_PX = 4096
+
+
+class NetworkPart(StrEnum):
+    """Which network of two is trained: the first, which sees the person smaller, or the second."""
+
+    FIRST = "first"
+    SECOND = "second"
+    BOTH = "both"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +96,15 @@ class Windows:
         near_share: Share of the steps that look from nearby.
         near_px: Columns and rows of what these see, around a random pixel of the subject.
         rim_px: What is taken beside that, so that turning it brings no emptiness in.
+        near_count: Windows of this kind of each sample, where both networks are trained: the first
+            one sees all of the sample, the second one these.
     """
 
     strip_px: int = 256
     near_share: float = 0.5
     near_px: tuple[int, int] = (192, 256)
     rim_px: int = 24
+    near_count: int = 3
 
     @property
     def wide_near(self) -> tuple[int, int]:
@@ -122,10 +145,12 @@ class TrainingSettings:
     relit: float = 0.7
     start: str = ""
 
-    def of_detail(self) -> TrainingSettings:
-        """The same for a second network, which is told what the first one answers.
-
-        It looks from nearby alone, and at photos as they were taken: in another light the first one
-        would have answered otherwise.
-        """
-        return replace(self, windows=replace(self.windows, near_share=1.0), relit=0.0)
+    def of(self, part: NetworkPart) -> TrainingSettings:
+        """The same for one of two networks, or for both."""
+        if part is NetworkPart.SECOND:
+            # In another light than the photo was taken in, the first one would have answered
+            # otherwise.
+            return replace(self, windows=replace(self.windows, near_share=1.0), relit=0.0)
+        if part is NetworkPart.BOTH:
+            return replace(self, windows=replace(self.windows, strip_px=_WHOLE_PX, near_share=0.0))
+        return self

@@ -16,7 +16,7 @@ from methods.normals.training.networks.network import CHANNELS, Answer, Averaged
 from methods.normals.training.settings import LARGER
 from methods.normals.window import MULTIPLE
 
-__all__ = ["Detailed", "FirstLook"]
+__all__ = ["Detailed", "FirstLook", "reduced_normals"]
 
 #: Pixels of the small picture for pixels of the large one.
 _OUT, _IN = 2, 3
@@ -77,21 +77,44 @@ class FirstLook(nn.Module):
             body_front: Normals of the body's near side.
             body_back: Those of its far side.
         """
-        height, width = mask.shape[2:]
+        return self.enlarged(self.whole(*self.seen(image, mask, body_front, body_back)), mask)
+
+    def seen(
+        self, image: Tensor, mask: Tensor, body_front: Tensor, body_back: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """The same four maps as the network sees them: reduced, in a frame of its own."""
         scene = torch.cat([(image + 1.0) * mask, mask, body_front, body_back], dim=1)
-        # Shared between both sides: the subject stays in the middle.
-        across, down = -width % _MULTIPLE, -height % _MULTIPLE
-        left, top = across // 2, down // 2
-        scene = nn.functional.pad(scene, (left, across - left, top, down - top))
-        bright, share, *bodies = self.reduce(scene).split((3, 1, 3, 3), dim=1)
+        bright, share, *bodies = self.reduced(scene).split((3, 1, 3, 3), dim=1)
         inside = (share >= _HALF).to(image.dtype)
-        there = [(_length(normals) >= _HALF).to(image.dtype) for normals in bodies]
-        bodies = [_unit(normals) * known for normals, known in zip(bodies, there, strict=True)]
-        answer = self.whole((bright - 1.0) * inside, inside, *bodies)
+        near, far = (reduced_normals(normals) for normals in bodies)
+        return (bright - 1.0) * inside, inside, near, far
+
+    def reduced(self, maps: Tensor) -> Tensor:
+        """Maps (B, 10, H, W) at two thirds of their size, in the network's frame."""
+        return self.reduce(nn.functional.pad(maps, _rim(maps)))
+
+    def enlarged(self, answer: Answer, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """What the network says, as ``forward`` returns it."""
+        left, _, top, _ = _rim(mask)
+        height, width = mask.shape[2:]
         large = self.enlarge(torch.cat([_unit(answer.front), _unit(answer.back)], dim=1))
         large = large[..., top : top + height, left : left + width]
         front, back = large.split(3, dim=1)
         return _unit(front) * mask, _unit(back) * mask
+
+
+def reduced_normals(means: Tensor) -> Tensor:
+    """Unit normals of reduced ones (B, 3, H, W), 0 where less than half of a pixel has any."""
+    return _unit(means) * (_length(means) >= _HALF).to(means.dtype)
+
+
+def _rim(maps: Tensor) -> tuple[int, int, int, int]:
+    """Pixels that are added at the left, right, top and bottom."""
+    height, width = maps.shape[2:]
+    # Shared between both sides: the subject stays in the middle.
+    across, down = -width % _MULTIPLE, -height % _MULTIPLE
+    left, top = across // 2, down // 2
+    return left, across - left, top, down - top
 
 
 class _Reduced(nn.Module):
@@ -110,7 +133,9 @@ class _Reduced(nn.Module):
 
     def forward(self, maps: Tensor) -> Tensor:
         """(B, 10, 2H/3, 2W/3) of maps (B, 10, H, W)."""
-        means = nn.functional.conv2d(maps, self.kernel, stride=_IN, groups=CHANNELS)
+        # Half the digits are too few for what a photo shows.
+        with torch.autocast(maps.device.type, enabled=False):
+            means = nn.functional.conv2d(maps, self.kernel, stride=_IN, groups=CHANNELS)
         return self.together(means) / _IN**2
 
 

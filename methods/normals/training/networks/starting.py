@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from harness.core.errors import DataError
 from methods.normals.onnx_files import read_network
 from methods.normals.training.networks.network import Block, NormalNetwork
 
-__all__ = ["HALF", "blended", "network_from", "started_from"]
+__all__ = ["HALF", "blended", "both_started_from", "network_from", "started_from"]
 
 #: How the network of the whole picture is called within the one that is exported, alone and before
 #: another one, and how that one is.
@@ -74,7 +75,17 @@ def network_from(path: Path) -> NormalNetwork:
     return network
 
 
-def blended(network: NormalNetwork, start: Mapping[str, Tensor], share: float) -> NormalNetwork:
+def both_started_from(path: Path) -> dict[str, Tensor]:
+    """The state of a ``Detailed`` in a file of two networks; in one of one, both start as that.
+
+    Raises:
+        DataError, MissingPart: as ``started_from``.
+    """
+    parts = {_WHOLE: started_from(path), _DETAIL: started_from(path, detail=True)}
+    return {within + name: value for within, part in parts.items() for name, value in part.items()}
+
+
+def blended(network: nn.Module, start: Mapping[str, Tensor], share: float) -> nn.Module:
     """A network between the one that training started from and the one that it ended with.
 
     Weights of one descent may be averaged: between two ends the error is often lower than at
@@ -86,12 +97,11 @@ def blended(network: NormalNetwork, start: Mapping[str, Tensor], share: float) -
             taken as trained.
         share: How much of the start is in the answer, 0 to 1.
     """
-    state = network.state_dict()
-    found = NormalNetwork()
+    found = copy.deepcopy(network)
     found.load_state_dict(
         {
             name: torch.lerp(value, start[name].to(value), share) if name in start else value
-            for name, value in state.items()
+            for name, value in network.state_dict().items()
         }
     )
     return found

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Bytes, Floats
 from harness.core.cameras.camera import Camera
 from harness.geometry.images import srgb_from_linear
 
 __all__ = [
+    "LAMPS",
     "Gloss",
     "Lamp",
     "Light",
@@ -25,10 +26,14 @@ __all__ = [
     "drawn_lamp_colour",
     "drawn_light",
     "light_of",
+    "packed_lights",
     "photographed",
     "sky_and_ground",
 ]
 
+
+LAMPS = 2
+"""Number of lamps whose light is stored with a photo."""
 
 _LAMP_POINTS = 6
 _LAMPS = (0, 1, 1, 1, 2, 2, 3)
@@ -150,3 +155,11 @@ def photographed(linear: Floats, light: Light, draw: np.random.Generator) -> Flo
     """Colours in [0, 1], sRGB, of linear light (..., 3): exposed, clipped, with sensor noise."""
     picture = srgb_from_linear(np.clip(light.exposure * linear, 0.0, 1.0)) ** light.contrast
     return np.clip(picture + light.noise * draw.normal(size=picture.shape), 0.0, 1.0)
+
+
+def packed_lights(lights: Floats) -> Bytes:
+    """Shares of light, 0 to 1, as bytes; their roots, because eyes and photos tell dark ones apart.
+
+    ``relighting.unpacked_lights`` is their inverse.
+    """
+    return np.round(255.0 * np.sqrt(np.clip(lights, 0.0, 1.0))).astype(np.uint8)

@@ -15,6 +15,7 @@ from PIL import Image
 from torch import Tensor
 
 from methods.normals.training.settings import FaultShares
+from methods.normals.training.variations.noise import noise_like
 
 __all__ = ["spoilt"]
 
@@ -58,14 +59,14 @@ def spoilt(
     if happens(shares.sharp):
         light = light + between(_SHARPEN) * (light - _blurred(light, 1.0))
     if happens(shares.grain):
-        noise = torch.randn(light.shape, generator=draw)
+        noise = noise_like(light, draw)
         light = light + between(_GRAIN) * _blurred(noise, between((0.3, 0.9)))
     if happens(shares.packed):
         light = _compressed(light, round(between(_QUALITY)))
     wanted = mask
     if happens(shares.rim):
         wanted = _moved(mask, round(between(_RIM_PX)), outward=happens(0.5))
-        beyond = torch.rand(3, 1, 1, generator=draw)
+        beyond = torch.rand(3, 1, 1, generator=draw).to(light.device)
         light = torch.where(mask > 0, light, beyond)
     if happens(shares.cut):
         wanted = _cut(wanted, between(_CUT), top=happens(0.3))
@@ -74,7 +75,7 @@ def spoilt(
 
 def _blurred(light: Tensor, sigma: float) -> Tensor:
     reach = 3
-    offsets = torch.arange(-reach, reach + 1, dtype=torch.float32)
+    offsets = torch.arange(-reach, reach + 1, dtype=torch.float32, device=light.device)
     weights = torch.exp(-0.5 * (offsets / sigma) ** 2)
     weights = weights / weights.sum()
     rows = light[:, None]
@@ -91,12 +92,12 @@ def _smaller(light: Tensor, factor: float) -> Tensor:
 
 
 def _compressed(light: Tensor, quality: int) -> Tensor:
-    pixels = (255.0 * light.clamp(0.0, 1.0)).round().byte().movedim(0, -1).numpy()
+    pixels = (255.0 * light.clamp(0.0, 1.0)).round().byte().movedim(0, -1).cpu().numpy()
     file = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(file, "JPEG", quality=quality)
     with Image.open(file) as picture:
         found = np.asarray(picture, dtype=np.float32) / 255.0
-    return torch.from_numpy(found).movedim(-1, 0)
+    return torch.from_numpy(found).movedim(-1, 0).to(light.device)
 
 
 def _moved(mask: Tensor, pixels: int, *, outward: bool) -> Tensor:

@@ -8,57 +8,55 @@ in a hundredth of the time that the first one took.
 from __future__ import annotations
 
 import numpy as np
+import torch
+from torch import Tensor
 
-from harness.core.arrays import Bytes, Floats, Singles
 from harness.geometry.images import linear_from_srgb
-from methods.normals.training.variations.light import (
-    Lamp,
-    drawn_lamp_colour,
-    light_of,
-    photographed,
-)
+from methods.normals.training.variations.light import Lamp, Light, drawn_lamp_colour, light_of
+from methods.normals.training.variations.noise import noise_like
 
-__all__ = ["LAMPS", "packed_lights", "relit", "unpacked_lights"]
-
-LAMPS = 2
-"""Number of lamps whose light is stored with a photo."""
+__all__ = ["developed", "relit", "unpacked_lights"]
 
 #: Share of the lamps that shine.
 _SHINING = 0.7
 _NOWHERE = np.zeros((0, 3))
+#: Below it, sRGB is a straight line (IEC 61966-2-1).
+_DARK = 0.0031308
 
-_LINEAR = linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)
-_SQUARES = ((np.arange(256) / 255.0) ** 2).astype(np.float32)
-
-
-def packed_lights(lights: Floats) -> Bytes:
-    """Shares of light, 0 to 1, as bytes; their roots, because eyes and photos tell dark ones apart.
-
-    ``unpacked_lights`` is their inverse.
-    """
-    return np.round(255.0 * np.sqrt(np.clip(lights, 0.0, 1.0))).astype(np.uint8)
+_LINEAR = torch.from_numpy(linear_from_srgb(np.arange(256) / 255.0)).float()
 
 
-def unpacked_lights(lights: Bytes) -> Singles:
-    """The shares behind ``packed_lights``."""
-    return _SQUARES[lights]
+def unpacked_lights(lights: Tensor) -> Tensor:
+    """The shares behind ``light.packed_lights``."""
+    return (lights.float() / 255.0).square()
 
 
-def relit(albedo: Bytes, lights: Bytes, coverage: Bytes, draw: np.random.Generator) -> Bytes:
+def relit(albedo: Tensor, lights: Tensor, coverage: Tensor, draw: torch.Generator) -> Tensor:
     """(N, 3) sRGB bytes of pixels in a drawn light, blended over black by their coverage.
 
     Args:
         albedo: (N, 3) the surface's own colour, sRGB bytes.
-        lights: (N, 2 + L) how much arrives from sky, ground and lamps; see ``packed_lights``.
+        lights: (N, 2 + L) how much arrives from sky, ground and lamps; see ``light.packed_lights``.
         coverage: (N,) share of the pixel that the subject covers, in steps of 1/255.
-        draw: Source of randomness.
+        draw: Source of randomness, on the processor.
     """
+    device = albedo.device
+    chance = np.random.default_rng(int(torch.randint(2**31, (), generator=draw)))
     lamps = lights.shape[1] - 2
-    shining = draw.random(lamps) < _SHINING
+    shining = chance.random(lamps) < _SHINING
     light = light_of(
-        tuple(Lamp(_NOWHERE, drawn_lamp_colour(draw)) for _ in range(shining.sum())), draw
+        tuple(Lamp(_NOWHERE, drawn_lamp_colour(chance)) for _ in range(shining.sum())), chance
     )
-    kept = np.concatenate([[True, True], shining])
-    arriving = unpacked_lights(lights[:, kept]) @ light.colours.astype(np.float32)
-    picture = photographed(_LINEAR[albedo] * arriving, light, draw)
-    return np.round(picture * coverage[:, None]).astype(np.uint8)
+    colours = np.zeros((2 + lamps, 3), np.float32)
+    colours[np.concatenate([[True, True], shining])] = light.colours
+    arriving = unpacked_lights(lights) @ torch.from_numpy(colours).to(device)
+    picture = developed(_LINEAR.to(device)[albedo.long()] * arriving, light, draw)
+    return (picture * coverage[:, None]).round().byte()
+
+
+def developed(linear: Tensor, light: Light, draw: torch.Generator) -> Tensor:
+    """``light.photographed`` on a device: colours in [0, 1], sRGB, of linear light (..., 3)."""
+    exposed = (light.exposure * linear).clamp(0.0, 1.0)
+    bright = 1.055 * exposed.clamp(min=_DARK) ** (1 / 2.4) - 0.055
+    picture = torch.where(exposed <= _DARK, 12.92 * exposed, bright) ** light.contrast
+    return (picture + light.noise * noise_like(picture, draw)).clamp(0.0, 1.0)

@@ -25,12 +25,16 @@ class Placement:
     Args:
         angle: (B,) radians, counter-clockwise on the screen.
         zoom: (B,) factors; above 1 the subject grows.
+        device: Of the pictures; the processor unless given.
     """
 
-    def __init__(self, angle: Tensor, zoom: Tensor) -> None:
-        self._moved = torch.nonzero((angle != 0) | (zoom != 1))[:, 0]
-        angle = angle[self._moved]
-        self._cos, self._sin, self._zoom = torch.cos(angle), torch.sin(angle), zoom[self._moved]
+    def __init__(self, angle: Tensor, zoom: Tensor, device: torch.device | None = None) -> None:
+        moved = torch.nonzero((angle != 0) | (zoom != 1))[:, 0]
+        angle = angle[moved]
+        self._moved, self._cos, self._sin, self._zoom = (
+            values.to(device or angle.device)
+            for values in (moved, torch.cos(angle), torch.sin(angle), zoom[moved])
+        )
 
     def moved(self, maps: Sequence[Tensor], turning: Sequence[bool]) -> list[Tensor]:
         """Maps (B, C, H, W) where they go; 0 where they say nothing.
@@ -72,9 +76,11 @@ class Placement:
         return torch.nn.functional.grid_sample(maps, grid, align_corners=False)
 
 
-def drawn_placement(count: int, turning: Turning, draw: torch.Generator) -> Placement:
+def drawn_placement(
+    count: int, turning: Turning, draw: torch.Generator, device: torch.device | None = None
+) -> Placement:
     """Placements of some pictures; those that are left alone are neither turned nor enlarged."""
     moved = torch.rand(count, generator=draw) < turning.share
     angle = torch.deg2rad(turning.angle_deg * torch.randn(count, generator=draw))
     zoom = torch.exp(turning.zoom * torch.randn(count, generator=draw))
-    return Placement(torch.where(moved, angle, 0.0), torch.where(moved, zoom, 1.0))
+    return Placement(torch.where(moved, angle, 0.0), torch.where(moved, zoom, 1.0), device)

@@ -13,6 +13,7 @@ from methods.normals.training.settings import (  # noqa: E402
     TrainingSettings,
     Turning,
 )
+from methods.normals.training.variations.drawing import drawn  # noqa: E402
 from methods.normals.training.variations.photo_faults import spoilt  # noqa: E402
 
 NONE = FaultShares(0, 0, 0, 0, 0, 0, 0)
@@ -108,7 +109,7 @@ def test_nothing_is_asked_where_nothing_is_seen():
     settings = TrainingSettings(
         batch=6, relit=0.0, faults=replace(NONE, cut=1.0, rim=1.0), turning=Turning(0.0)
     )
-    batch = samples.drawn(settings, draw)
+    batch = drawn(samples, settings, draw)
     for inside in (batch.front_inside, batch.back_inside):
         assert not inside[batch.mask == 0].any()
         assert not inside[:, :, :4].any()

@@ -14,6 +14,7 @@ from harness.core.errors import DataError, HarnessError  # noqa: E402
 from methods.normals.training import loop  # noqa: E402
 from methods.normals.training.loop import judged, train  # noqa: E402
 from methods.normals.training.networks.export import export_network  # noqa: E402
+from methods.normals.training.networks.learned import Alone  # noqa: E402
 from methods.normals.training.networks.network import Averaged, NormalNetwork  # noqa: E402
 from methods.normals.training.networks.starting import blended, started_from  # noqa: E402
 from methods.normals.training.samples import Samples  # noqa: E402
@@ -23,6 +24,7 @@ from methods.normals.training.settings import (  # noqa: E402
     Turning,
     Windows,
 )
+from methods.normals.training.variations.drawing import drawn  # noqa: E402
 
 SIZE = 32
 SETTINGS = TrainingSettings(steps=6, batch=2, judge_every=2, rate=3e-3)
@@ -69,9 +71,13 @@ def _samples(tmp_path):
     return Samples.load([tmp_path / "toy.npz"])
 
 
+def small():
+    return NormalNetwork(8, (16, 16, 16, 16))
+
+
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    monkeypatch.setattr(loop, "NormalNetwork", lambda: NormalNetwork(8, (16, 16, 16, 16)))
+    monkeypatch.setattr(loop, "Alone", lambda: Alone(make=small))
 
 
 def silent(steps, line):
@@ -113,9 +119,12 @@ def test_a_stopped_training_goes_on_to_the_same_network(samples, tmp_path, monke
 def test_a_repeated_training_gives_the_same_weights(samples, tmp_path):
     start = NormalNetwork(8, (16, 16, 16, 16)).state_dict()
     first, second = (
-        train(samples, samples, SETTINGS, tmp_path / name, silent, start) for name in "ab"
+        train(samples, samples, SETTINGS, tmp_path / name, silent, Alone(start, small))
+        for name in "ab"
     )
-    other = train(samples, samples, replace(SETTINGS, seed=1), tmp_path / "c", silent, start)
+    other = train(
+        samples, samples, replace(SETTINGS, seed=1), tmp_path / "c", silent, Alone(start, small)
+    )
     for mine, yours in zip(first.network.parameters(), second.network.parameters(), strict=True):
         assert torch.equal(mine, yours)
     differ = [
@@ -142,7 +151,7 @@ def test_mirrored_samples_are_mirrored_scenes(samples):
     plain = samples.at(range(4))
     for seed in range(20):
         draw = torch.Generator().manual_seed(seed)
-        batch = samples.drawn(replace(STILL, batch=4), draw)
+        batch = drawn(samples, replace(STILL, batch=4), draw)
         for name in ("front", "back", "body_front", "body_back"):
             normals = getattr(batch, name)
             # Tilted backward, not sideways: a mirror leaves the tilt, and the mask's offset moves.
@@ -164,7 +173,7 @@ def test_a_mirror_turns_sideways_normals(tmp_path):
     samples = Samples.load([tmp_path / "side.npz"])
     signs = set()
     for seed in range(12):
-        batch = samples.drawn(replace(STILL, batch=1), torch.Generator().manual_seed(seed))
+        batch = drawn(samples, replace(STILL, batch=1), torch.Generator().manual_seed(seed))
         mirrored = bool(batch.mask[0, 0, 16, 6] == 1)
         sign = float(batch.front[0, 0, 16, 16].sign())
         signs.add((mirrored, sign))
@@ -185,7 +194,8 @@ def test_files_of_other_sizes_or_kinds_are_refused(tmp_path):
 
 def test_a_cut_keeps_the_maps_together(samples):
     for seed in range(5):
-        batch = samples.drawn(
+        batch = drawn(
+            samples,
             replace(STILL, batch=4, windows=Windows(strip_px=16)),
             torch.Generator().manual_seed(seed),
         )
@@ -201,13 +211,15 @@ def test_what_is_seen_from_nearby_is_the_subject_in_as_many_pixels(tmp_path):
     np.savez(tmp_path / "wide.npz", key=np.array("wide"), **arrays)
     samples = Samples.load([tmp_path / "wide.npz"])
     near = Windows(strip_px=64, near_share=1.0, near_px=(32, 40), rim_px=8)
-    batch = samples.drawn(replace(STILL, windows=near), torch.Generator().manual_seed(0))
+    batch = drawn(samples, replace(STILL, windows=near), torch.Generator().manual_seed(0))
     # Two strips of 64 x 160 pixels, divided into windows of 32 x 40.
     assert batch.image.shape == (16, 3, 40, 32)
     # Each is around a pixel of the subject, of which few are in a strip.
     assert (batch.mask.sum(dim=(1, 2, 3)) > 0).all()
-    strips = samples.drawn(
-        replace(STILL, windows=replace(near, near_share=0.0)), torch.Generator().manual_seed(0)
+    strips = drawn(
+        samples,
+        replace(STILL, windows=replace(near, near_share=0.0)),
+        torch.Generator().manual_seed(0),
     )
     assert batch.mask.mean() > 2 * strips.mask.mean()
     assert torch.equal(batch.mask > 0, batch.body_front[:, 2:] != 0)
@@ -215,8 +227,8 @@ def test_what_is_seen_from_nearby_is_the_subject_in_as_many_pixels(tmp_path):
 
 def test_another_light_leaves_all_but_the_photo(samples):
     lit = replace(STILL, relit=1.0, batch=4)
-    plain = samples.drawn(STILL, torch.Generator().manual_seed(3))
-    first, second = (samples.drawn(lit, torch.Generator().manual_seed(seed)) for seed in (3, 4))
+    plain = drawn(samples, STILL, torch.Generator().manual_seed(3))
+    first, second = (drawn(samples, lit, torch.Generator().manual_seed(seed)) for seed in (3, 4))
     assert plain.image.shape[1:] == first.image.shape[1:]
     inside = (first.mask > 0).expand_as(first.image)
     assert not first.image[~inside].any()

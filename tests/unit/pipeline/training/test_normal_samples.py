@@ -151,7 +151,7 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
 @pytest.mark.slow
 def test_from_subjects_to_a_network_in_three_sittings(source, tmp_path):
     from methods.normals.onnx_estimator import OnnxNormals
-    from methods.normals.training.settings import TrainingSettings
+    from methods.normals.training.settings import NetworkPart, TrainingSettings
 
     request = TrainingRequest(
         sources=(source,),
@@ -203,19 +203,33 @@ def test_from_subjects_to_a_network_in_three_sittings(source, tmp_path):
             again,
             start=second.network,
             directory=tmp_path / "detail",
-            detail=True,
+            part=NetworkPart.SECOND,
         ),
         Silent(),
     )
     # It is at home at 3/2 of the size, and given what the first one answers.
     assert OnnxNormals(third.network).side_px == 192
-    assert [sitting.detail for sitting in sittings_of(third.network)] == [False, False, True]
+    assert [sitting.part for sitting in sittings_of(third.network)] == ["first", "first", "second"]
     assert "whose first answers alone score" in third.provenance.read_text()
     look = sittings_of(third.network)[2].curve[0]
     assert abs(look.body_front_deg - second.front_deg) < 2.0
     assert abs(third.front_deg - second.front_deg) < 3.0
     with pytest.raises(HarnessError, match="without a first one"):
-        train_normals(replace(again, start=None, blend=0.0, detail=True), Silent())
+        train_normals(replace(again, start=None, blend=0.0, part=NetworkPart.SECOND), Silent())
+    fourth = train_normals(
+        replace(
+            again,
+            start=third.network,
+            directory=tmp_path / "both",
+            part=NetworkPart.BOTH,
+        ),
+        Silent(),
+    )
+    assert OnnxNormals(fourth.network).side_px == 192
+    last = sittings_of(fourth.network)[3]
+    assert last.part == "both"
+    assert last.curve[0].body_front_deg == pytest.approx(fourth.body_front_deg, abs=0.01)
+    assert abs(fourth.front_deg - third.front_deg) < 3.0
     turned = replace(source, subjects=("p2", "p1"))
     with pytest.raises(HarnessError, match="p1 of bare cannot judge"):
         train_normals(replace(again, sources=(turned,), directory=tmp_path / "third"), Silent())
@@ -254,9 +268,9 @@ def test_a_stored_photo_in_its_own_light_is_that_photo(source, tmp_path, monkeyp
     monkeypatch.setattr(relighting, "_SHINING", 1.1)
     monkeypatch.setattr(relighting, "light_of", lambda lit, _: light)
     mask = photo.mask
-    again = relighting.relit(
-        *(maps[name][mask] for name in ("albedo", "lights", "coverage")), np.random.default_rng(0)
-    )
+    torch = pytest.importorskip("torch")
+    pixels = [torch.from_numpy(maps[name][mask]) for name in ("albedo", "lights", "coverage")]
+    again = relighting.relit(*pixels, torch.Generator().manual_seed(0)).numpy()
     off = np.abs(again / 255.0 - photo.rgb[mask]).max(axis=1)
     # Colour and light are averaged one by one: where prints and shadows end, rays differ.
     assert np.median(off) < 0.006

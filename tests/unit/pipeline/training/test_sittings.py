@@ -15,6 +15,7 @@ from harness.pipeline.training.sittings import (
     without_leaks,
 )
 from methods.normals.training.curve import Look
+from methods.normals.training.settings import NetworkPart
 
 FIRST = Sitting(
     command="harness train normals --subjects t1..t4",
@@ -42,12 +43,14 @@ def test_a_sitting_comes_back_from_json():
     assert Sitting.from_dict(blended.to_dict()) == blended
     stronger = replace(SECOND, fold_gain=1.3)
     assert Sitting.from_dict(stronger.to_dict()) == stronger
-    second = replace(SECOND, detail=True)
+    second = replace(SECOND, part=NetworkPart.SECOND, device="a graphics processor")
     assert Sitting.from_dict(second.to_dict()) == second
     # Files of before networks were blended, had stronger folds, and came in pairs, say nothing.
     told = FIRST.to_dict()
-    del told["blend"], told["fold_gain"], told["detail"]
+    del told["blend"], told["fold_gain"], told["part"], told["device"]
     assert Sitting.from_dict(told) == FIRST
+    # The first file with a second network said so in another way.
+    assert Sitting.from_dict({**told, "detail": True}).part is NetworkPart.SECOND
 
 
 def test_a_page_says_what_was_blended():
@@ -58,12 +61,16 @@ def test_a_page_says_what_was_blended():
 
 
 def test_a_page_says_which_of_two_networks_was_trained():
-    page = provenance("mine", (FIRST, replace(SECOND, detail=True)))
+    page = provenance("mine", (FIRST, replace(SECOND, part=NetworkPart.SECOND)))
     first, second = page.split("## Sitting 2")
     assert "second network" not in first
     assert "bodies alone score 24.00" in first
     assert "It trained the second network" in second
     assert "first answers alone score 24.00" in second
+    page = provenance("mine", (replace(FIRST, part=NetworkPart.BOTH, device="Some GPU"),))
+    assert "It trained both networks together" in page
+    assert "The steps were done by one Some GPU." in page
+    assert "bodies alone score 24.00" in page
 
 
 def test_a_page_says_how_much_stronger_folds_are():

@@ -1,0 +1,239 @@
+"""Batches of samples: picked and put into other light by a processor, varied on any device.
+
+What is drawn follows from the source of randomness alone, so that batches can be picked ahead, in
+any order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from harness.core.arrays import Bytes
+from harness.geometry.window import Window
+from methods.normals.training.samples import (
+    NORMALS,
+    Arrays,
+    Batch,
+    Samples,
+    batch_of,
+    stacked,
+)
+from methods.normals.training.settings import FaultShares, TrainingSettings
+from methods.normals.training.variations.photo_faults import spoilt
+from methods.normals.training.variations.relighting import relit
+from methods.normals.training.variations.turning import Placement, drawn_placement
+
+__all__ = ["Picked", "drawn", "pick", "varied"]
+
+#: A pixel of a turned mask is inside if so much of it is.
+_COVERED = 0.5
+#: Standard deviations of the logarithms of each colour's gain, and of the picture's exponent.
+_GAIN, _EXPONENT = 0.15, 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pixels:
+    """The pixels of one sample that are put into another light.
+
+    Attributes:
+        number: Of the sample within its batch.
+        rows, columns: (N,) where they are.
+        albedo, lights, coverage: (N, ...) what ``relit`` needs of them.
+    """
+
+    number: int
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    albedo: Bytes
+    lights: Bytes
+    coverage: Bytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picked:
+    """Samples, or windows of them, that become a batch.
+
+    Attributes:
+        arrays: Theirs, stacked.
+        relit: The pixels of those that are seen in another light than they were taken in.
+        rim_px: What lies around each of them and is cut away after it was turned.
+    """
+
+    arrays: Arrays
+    relit: list[Pixels]
+    rim_px: int
+
+
+def drawn(
+    samples: Samples,
+    settings: TrainingSettings,
+    draw: torch.Generator,
+    device: torch.device | None = None,
+) -> Batch:
+    """Some samples in varied light, with a camera's faults, turned, half of them mirrored.
+
+    Args:
+        samples: What is drawn from.
+        settings: Their number, which part of them is seen, and what varies how much.
+        draw: Source of randomness, on the processor.
+        device: Of the batch; the processor unless given.
+    """
+    return varied(pick(samples, settings, draw), settings, draw, device or torch.device("cpu"))
+
+
+def pick(samples: Samples, settings: TrainingSettings, draw: torch.Generator) -> Picked:
+    """What a batch is made from; the first half of ``drawn``, which needs no device."""
+    windows = settings.windows
+    near = windows.wide_near
+    is_near = bool(torch.rand((), generator=draw) < windows.near_share)
+    is_near = is_near and near[0] <= samples.whole.width and near[1] <= samples.whole.height
+    taken = (_near if is_near else _strips)(samples, settings, draw)
+    chosen = torch.nonzero(torch.rand(len(taken), generator=draw) < settings.relit)[:, 0]
+    relit_ones = [_pixels(number, taken[number]) for number in chosen.tolist()]
+    return Picked(stacked(taken), relit_ones, windows.rim_px if is_near else 0)
+
+
+def varied(
+    picked: Picked, settings: TrainingSettings, draw: torch.Generator, device: torch.device
+) -> Batch:
+    """The batch on a device; the second half of ``drawn``, with the same source as the first."""
+    count = len(picked.arrays["mask"])
+    place = drawn_placement(count, settings.turning, draw, device)
+    batch = batch_of(picked.arrays, device)
+    for pixels in picked.relit:
+        _relight(batch.image[pixels.number], pixels, draw)
+    batch = _placed(batch, place)
+    if picked.rim_px:
+        batch = _trimmed(batch, picked.rim_px)
+    batch = replace(batch, image=_recoloured(batch.image, batch.mask, draw))
+    batch = _photographed(batch, draw, settings.faults)
+    mirrored = (torch.rand(count, generator=draw) < 0.5).to(device)
+    return Batch(
+        *(
+            _mirrored(getattr(batch, field.name), mirrored, normals=field.name in NORMALS)
+            for field in fields(batch)
+        )
+    )
+
+
+def _strips(samples: Samples, settings: TrainingSettings, draw: torch.Generator) -> list[Arrays]:
+    """Samples of full height."""
+    whole = samples.whole
+    width = min(settings.windows.strip_px, whole.width)
+    left = _below(whole.width - width + 1, draw)
+    window = Window(left, 0, width, whole.height)
+    return [samples.taken(_below(len(samples), draw), window) for _ in range(settings.batch)]
+
+
+def _near(samples: Samples, settings: TrainingSettings, draw: torch.Generator) -> list[Arrays]:
+    """More samples, each around one of the subject's pixels, of as many pixels in all."""
+    windows, whole = settings.windows, samples.whole
+    strip = min(windows.strip_px, whole.width) * whole.height
+    count = round(settings.batch * strip / math.prod(windows.near_px))
+    return [
+        _around(samples, _below(len(samples), draw), windows.wide_near, draw) for _ in range(count)
+    ]
+
+
+def _around(samples: Samples, index: int, size: tuple[int, int], draw: torch.Generator) -> Arrays:
+    whole = samples.whole
+    pixels = np.flatnonzero(samples.mask(index))
+    middle = divmod(int(pixels[_below(len(pixels), draw)]), whole.width)
+    top, left = (
+        int(np.clip(at - side // 2, 0, most - side))
+        for at, side, most in zip(middle, size[::-1], (whole.height, whole.width), strict=True)
+    )
+    return samples.taken(index, Window(left, top, *size))
+
+
+def _below(count: int, draw: torch.Generator) -> int:
+    return int(torch.randint(count, (), generator=draw))
+
+
+def _pixels(number: int, arrays: Arrays) -> Pixels:
+    where = np.nonzero(arrays["mask"])
+    values = (arrays[name][where] for name in ("albedo", "lights", "coverage"))
+    return Pixels(number, *where, *values)
+
+
+def _relight(image: Tensor, pixels: Pixels, draw: torch.Generator) -> None:
+    """Put a sample's photo (3, H, W) into another light."""
+    albedo, lights, coverage, rows, columns = (
+        torch.from_numpy(values).to(image.device)
+        for values in (
+            pixels.albedo,
+            pixels.lights,
+            pixels.coverage,
+            pixels.rows,
+            pixels.columns,
+        )
+    )
+    image[:, rows, columns] = relit(albedo, lights, coverage, draw).T.float() / 127.5 - 1.0
+
+
+def _trimmed(batch: Batch, rim_px: int) -> Batch:
+    """The batch without its rim."""
+    inner = slice(rim_px, -rim_px or None)
+    return Batch(*(getattr(batch, field.name)[:, :, inner, inner] for field in fields(batch)))
+
+
+def _recoloured(image: Tensor, mask: Tensor, draw: torch.Generator) -> Tensor:
+    """Pictures under other light and in other colours: gains, an exponent, exchanged channels."""
+    count, device = len(image), image.device
+    gain = torch.exp(_GAIN * torch.randn(count, 3, 1, 1, generator=draw)).to(device)
+    exponent = torch.exp(_EXPONENT * torch.randn(count, 1, 1, 1, generator=draw)).to(device)
+    order = torch.argsort(torch.rand(count, 3, generator=draw), dim=1).to(device)
+    mixed = torch.stack([picture[rows] for picture, rows in zip(image, order, strict=True)])
+    light = ((mixed + 1.0) / 2.0 * gain).clamp(1e-4, 1.0) ** exponent
+    return (2.0 * light - 1.0) * mask
+
+
+def _placed(batch: Batch, place: Placement) -> Batch:
+    """The batch turned and enlarged."""
+    # Light adds up where colours blend, beside the subject with black.
+    light = (batch.image + batch.mask) / 2.0
+    normals = [getattr(batch, name) for name in NORMALS]
+    light, mask, *normals = place.moved(
+        [light, batch.mask, *normals], turning=[False, False, *[True] * len(normals)]
+    )
+    mask = (mask >= _COVERED).float()
+    found = dict(zip(NORMALS, normals, strict=True))
+    inside = {
+        f"{side}_inside": mask * (found[side].abs().sum(1, keepdim=True) > 0)
+        for side in ("front", "back")
+    }
+    return Batch(image=(2.0 * light - 1.0) * mask, mask=mask, **found, **inside)
+
+
+def _photographed(batch: Batch, draw: torch.Generator, faults: FaultShares) -> Batch:
+    """The batch as cameras and masks spoil it; what they lose is not asked for."""
+    pairs = [
+        spoilt(image, mask, draw, faults)
+        for image, mask in zip(batch.image, batch.mask, strict=True)
+    ]
+    image, mask = (torch.stack(list(maps)) for maps in zip(*pairs, strict=True))
+    # A fitted body goes on where the frame cuts the person, but its map ends there too.
+    rows = mask.amax(dim=3, keepdim=True)
+    return replace(
+        batch,
+        image=image.contiguous(memory_format=torch.channels_last),
+        mask=mask,
+        body_front=batch.body_front * rows,
+        body_back=batch.body_back * rows,
+        front_inside=batch.front_inside * mask,
+        back_inside=batch.back_inside * mask,
+    )
+
+
+def _mirrored(values: Tensor, chosen: Tensor, *, normals: bool) -> Tensor:
+    """The chosen ones of a batch seen in a mirror; normals then point the other way along x."""
+    other = values.flip(3)
+    if normals:
+        other = other * torch.tensor([-1.0, 1.0, 1.0], device=values.device).view(1, 3, 1, 1)
+    return torch.where(chosen.view(-1, 1, 1, 1), other, values)
