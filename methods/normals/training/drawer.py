@@ -41,7 +41,7 @@ class Drawer:
     def batch(self, step: int, part: int = 0) -> tuple[Batch, torch.Generator]:
         """A part of a step's batch, on the device, and the source that it was drawn from."""
         picked, draw = self._picked(step, part)
-        return varied(picked, self._settings, draw, self._device), draw
+        return varied(picked, self._settings, draw), draw
 
     def _picked(self, step: int, part: int) -> tuple[Picked, torch.Generator]:
         if self._pool is None:
@@ -55,4 +55,5 @@ class Drawer:
         seed = derive_seed(self._settings.seed, "normal-step", step, part)
         draw = torch.Generator().manual_seed(seed % 2**31)
         count = (self._settings.batch + part) // self._parts
-        return pick(self._samples, replace(self._settings, batch=count), draw), draw
+        picked = pick(self._samples, replace(self._settings, batch=count), draw)
+        return picked.to(self._device), draw

@@ -202,6 +202,9 @@ def _chosen_device() -> torch.device:
     # Read when the first matrix is multiplied.
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True, warn_only=True)
+    # These forms of attention do not add up in the same order each time.
+    torch.backends.cuda.enable_flash_sdp(False)
+    torch.backends.cuda.enable_mem_efficient_sdp(False)
     return torch.device("cuda")
 
 

@@ -18,7 +18,7 @@ from methods.normals.training.networks.network import Answer
 from methods.normals.training.samples import Batch
 from methods.normals.training.settings import LossWeights
 
-__all__ = ["Pixels", "chord", "expected", "steps", "total"]
+__all__ = ["AllPixels", "Pixels", "chord", "counted_pixels", "expected", "steps", "total"]
 
 #: At half the photo's resolution, where small folds are seen, the next pixel.
 _SPACING_PX = 2
@@ -32,14 +32,23 @@ def total(answer: Answer, batch: Batch, weights: LossWeights) -> Tensor:
     )
     loss = torch.zeros((), device=batch.image.device)
     for weight, normals, error, true, inside in sides:
-        pixels = Pixels.of(inside)
+        pixels = counted_pixels(inside)
         off = torch.nn.functional.normalize(pixels.rows(normals), dim=1, eps=1e-6)
         off = off - pixels.rows(true)
         chords = chord(off)
-        side = _mean(chords) + weights.steps * steps(off, pixels)
-        side = side + weights.expected * expected(pixels.rows(error)[:, 0], chords.detach())
-        loss = loss + weight * side
+        side = pixels.mean(chords) + weights.steps * steps(off, pixels)
+        surprise = expected(pixels.rows(error)[:, 0], chords.detach())
+        loss = loss + weight * (side + weights.expected * pixels.mean(surprise))
     return loss
+
+
+def counted_pixels(inside: Tensor) -> Pixels | AllPixels:
+    """Those of masks (B, 1, H, W) as their device does least with them.
+
+    A processor leaves out what does not count. A graphics processor would have to be waited for to
+    know how many that are, and has looked at all of them before.
+    """
+    return AllPixels(inside) if inside.is_cuda else Pixels.of(inside)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +83,47 @@ class Pixels:
         both = torch.nonzero((first >= 0) & (second >= 0))[:, 0]
         return first[both], second[both]
 
+    def mean(self, values: Tensor) -> Tensor:
+        """Mean of values (N,), 0 of none."""
+        return values.sum() / max(1, len(values))
+
+    def mean_change(self, rows: Tensor, axis: int, spacing: int) -> Tensor:
+        """Mean absolute change of rows (N, C) along an axis, summed over their components."""
+        first, second = self.pairs(axis, spacing)
+        return self.mean((rows[second] - rows[first]).abs().sum(1))
+
+
+class AllPixels:
+    """The same as ``Pixels``, with all pixels as rows, of which those outside weigh nothing.
+
+    Args:
+        inside: (B, 1, H, W) masks.
+    """
+
+    def __init__(self, inside: Tensor) -> None:
+        self._inside = (inside[:, 0] > 0).float()
+
+    def rows(self, maps: Tensor) -> Tensor:
+        """See ``Pixels``."""
+        return maps.movedim(1, -1).flatten(0, 2).float()
+
+    def mean(self, values: Tensor) -> Tensor:
+        """See ``Pixels``."""
+        return _weighted(values, self._inside.flatten())
+
+    def mean_change(self, rows: Tensor, axis: int, spacing: int) -> Tensor:
+        """See ``Pixels``."""
+        maps = rows.view(*self._inside.shape, -1)
+        count = max(0, maps.shape[axis] - spacing)
+        start = maps.shape[axis] - count
+        change = maps.narrow(axis, start, count) - maps.narrow(axis, 0, count)
+        both = self._inside.narrow(axis, start, count) * self._inside.narrow(axis, 0, count)
+        return _weighted(change.abs().sum(-1).flatten(), both.flatten())
+
+
+def _weighted(values: Tensor, weights: Tensor) -> Tensor:
+    return (values * weights).sum() / weights.sum().clamp(min=1.0)
+
 
 def chord(off: Tensor) -> Tensor:
     """(N,) lengths, 0 to 2, of the differences (N, 3) between unit normals."""
@@ -81,26 +131,18 @@ def chord(off: Tensor) -> Tensor:
     return (off.square().sum(1) + 1e-6).sqrt()
 
 
-def steps(off: Tensor, pixels: Pixels) -> Tensor:
+def steps(off: Tensor, pixels: Pixels | AllPixels) -> Tensor:
     """Mean absolute change, over two pixels, of the differences (N, 3) between normals.
 
     It is 0 where a map and its truth change alike, whatever lies between them.
     """
-    changes = []
-    for axis in (1, 2):
-        first, second = pixels.pairs(axis, _SPACING_PX)
-        changes.append(_mean((off[second] - off[first]).abs().sum(1)))
-    return torch.stack(changes).mean()
+    return torch.stack([pixels.mean_change(off, axis, _SPACING_PX) for axis in (1, 2)]).mean()
 
 
 def expected(predicted: Tensor, actual: Tensor) -> Tensor:
-    """How badly predicted errors (N,) fit the actual ones (N,); least where they are their mean.
+    """(N,) how badly predicted errors (N,) fit the actual ones (N,); least where these are means.
 
     The negative logarithm of the likelihood of an exponential distribution.
     """
     predicted = predicted.clamp(min=1e-3)
-    return _mean(actual / predicted + predicted.log())
-
-
-def _mean(values: Tensor) -> Tensor:
-    return values.sum() / max(1, len(values))
+    return actual / predicted + predicted.log()

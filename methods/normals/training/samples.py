@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -26,7 +26,6 @@ NORMALS = ("body_front", "body_back", "front", "back")
 _MAPS = ("rgb", "mask", "front", "back", "body_front", "body_back")
 _ARRAYS = (*_MAPS, "albedo", "lights", "coverage")
 _STEPS = 127.0
-_PROCESSOR = torch.device("cpu")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,18 +119,14 @@ def read_samples(path: Path) -> Arrays:
     )
 
 
-def stacked(taken: Sequence[Arrays]) -> Arrays:
+def stacked(taken: Sequence[Arrays]) -> dict[str, Tensor]:
     """What ``batch_of`` needs of some samples, each name's arrays in one."""
-    return {name: np.stack([arrays[name] for arrays in taken]) for name in _MAPS}
+    return {name: torch.from_numpy(np.stack([arrays[name] for arrays in taken])) for name in _MAPS}
 
 
-def batch_of(arrays: Arrays, device: torch.device = _PROCESSOR) -> Batch:
-    """Stacked samples as a batch on a device."""
-    # Bytes travel; a quarter of what they become.
-    maps = {
-        name: _channels_first(torch.from_numpy(values).to(device))
-        for name, values in arrays.items()
-    }
+def batch_of(stack: Mapping[str, Tensor]) -> Batch:
+    """Stacked samples as a batch, on their device."""
+    maps = {name: _channels_first(values) for name, values in stack.items()}
     mask = maps["mask"].float()
     normals = {name: maps[name].float() / _STEPS for name in NORMALS}
     inside = {

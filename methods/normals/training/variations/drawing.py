@@ -11,10 +11,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from harness.core.arrays import Bytes
 from harness.geometry.window import Window
 from methods.normals.training.samples import (
     NORMALS,
@@ -33,26 +31,9 @@ __all__ = ["Picked", "drawn", "pick", "varied"]
 
 #: A pixel of a turned mask is inside if so much of it is.
 _COVERED = 0.5
+_LIT = ("albedo", "lights", "coverage")
 #: Standard deviations of the logarithms of each colour's gain, and of the picture's exponent.
 _GAIN, _EXPONENT = 0.15, 0.2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pixels:
-    """The pixels of one sample that are put into another light.
-
-    Attributes:
-        number: Of the sample within its batch.
-        rows, columns: (N,) where they are.
-        albedo, lights, coverage: (N, ...) what ``relit`` needs of them.
-    """
-
-    number: int
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    albedo: Bytes
-    lights: Bytes
-    coverage: Bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,14 +41,22 @@ class Picked:
     """Samples, or windows of them, that become a batch.
 
     Attributes:
-        arrays: Theirs, stacked.
-        relit: The pixels of those that are seen in another light than they were taken in.
+        maps: Theirs, stacked.
+        relit: What is needed of those that are put into another light, by their numbers.
         rim_px: What lies around each of them and is cut away after it was turned.
     """
 
-    arrays: Arrays
-    relit: list[Pixels]
+    maps: dict[str, Tensor]
+    relit: dict[int, tuple[Tensor, ...]]
     rim_px: int
+
+    def to(self, device: torch.device) -> Picked:
+        """The same on a device: bytes travel, a quarter of what they become there."""
+        maps = {name: values.to(device) for name, values in self.maps.items()}
+        relit = {
+            number: tuple(values.to(device) for values in one) for number, one in self.relit.items()
+        }
+        return Picked(maps, relit, self.rim_px)
 
 
 def drawn(
@@ -84,7 +73,8 @@ def drawn(
         draw: Source of randomness, on the processor.
         device: Of the batch; the processor unless given.
     """
-    return varied(pick(samples, settings, draw), settings, draw, device or torch.device("cpu"))
+    picked = pick(samples, settings, draw)
+    return varied(picked if device is None else picked.to(device), settings, draw)
 
 
 def pick(samples: Samples, settings: TrainingSettings, draw: torch.Generator) -> Picked:
@@ -95,19 +85,17 @@ def pick(samples: Samples, settings: TrainingSettings, draw: torch.Generator) ->
     is_near = is_near and near[0] <= samples.whole.width and near[1] <= samples.whole.height
     taken = (_near if is_near else _strips)(samples, settings, draw)
     chosen = torch.nonzero(torch.rand(len(taken), generator=draw) < settings.relit)[:, 0]
-    relit_ones = [_pixels(number, taken[number]) for number in chosen.tolist()]
-    return Picked(stacked(taken), relit_ones, windows.rim_px if is_near else 0)
+    others = {number: _lit(taken[number]) for number in chosen.tolist()}
+    return Picked(stacked(taken), others, windows.rim_px if is_near else 0)
 
 
-def varied(
-    picked: Picked, settings: TrainingSettings, draw: torch.Generator, device: torch.device
-) -> Batch:
-    """The batch on a device; the second half of ``drawn``, with the same source as the first."""
-    count = len(picked.arrays["mask"])
+def varied(picked: Picked, settings: TrainingSettings, draw: torch.Generator) -> Batch:
+    """The batch, on the device; the second half of ``drawn``, with the same source as the first."""
+    batch = batch_of(picked.maps)
+    count, device = len(batch.mask), batch.mask.device
     place = drawn_placement(count, settings.turning, draw, device)
-    batch = batch_of(picked.arrays, device)
-    for pixels in picked.relit:
-        _relight(batch.image[pixels.number], pixels, draw)
+    for number, lit in picked.relit.items():
+        _relight(batch.image[number], batch.mask[number], lit, draw)
     batch = _placed(batch, place)
     if picked.rim_px:
         batch = _trimmed(batch, picked.rim_px)
@@ -156,25 +144,17 @@ def _below(count: int, draw: torch.Generator) -> int:
     return int(torch.randint(count, (), generator=draw))
 
 
-def _pixels(number: int, arrays: Arrays) -> Pixels:
-    where = np.nonzero(arrays["mask"])
-    values = (arrays[name][where] for name in ("albedo", "lights", "coverage"))
-    return Pixels(number, *where, *values)
+def _lit(arrays: Arrays) -> tuple[Tensor, ...]:
+    """Colour, light and coverage of every pixel (H W, ...)."""
+    found = (torch.from_numpy(np.array(arrays[name])) for name in _LIT)
+    return tuple(values.flatten(0, 1) for values in found)
 
 
-def _relight(image: Tensor, pixels: Pixels, draw: torch.Generator) -> None:
-    """Put a sample's photo (3, H, W) into another light."""
-    albedo, lights, coverage, rows, columns = (
-        torch.from_numpy(values).to(image.device)
-        for values in (
-            pixels.albedo,
-            pixels.lights,
-            pixels.coverage,
-            pixels.rows,
-            pixels.columns,
-        )
-    )
-    image[:, rows, columns] = relit(albedo, lights, coverage, draw).T.float() / 127.5 - 1.0
+def _relight(image: Tensor, mask: Tensor, lit: tuple[Tensor, ...], draw: torch.Generator) -> None:
+    """Put a sample's photo (3, H, W) into another light, inside its mask (1, H, W)."""
+    albedo, lights, coverage = lit
+    picture = relit(albedo, lights, coverage, draw).view(*mask.shape[1:], 3).movedim(-1, 0)
+    image.copy_((picture.float() / 127.5 - 1.0) * mask)
 
 
 def _trimmed(batch: Batch, rim_px: int) -> Batch:

@@ -7,14 +7,11 @@ photographs cut feet or head.
 
 from __future__ import annotations
 
-import io
-
-import numpy as np
 import torch
-from PIL import Image
 from torch import Tensor
 
 from methods.normals.training.settings import FaultShares
+from methods.normals.training.variations.jpeg import compressed
 from methods.normals.training.variations.noise import noise_like
 
 __all__ = ["spoilt"]
@@ -62,7 +59,7 @@ def spoilt(
         noise = noise_like(light, draw)
         light = light + between(_GRAIN) * _blurred(noise, between((0.3, 0.9)))
     if happens(shares.packed):
-        light = _compressed(light, round(between(_QUALITY)))
+        light = compressed(light, round(between(_QUALITY)))
     wanted = mask
     if happens(shares.rim):
         wanted = _moved(mask, round(between(_RIM_PX)), outward=happens(0.5))
@@ -91,15 +88,6 @@ def _smaller(light: Tensor, factor: float) -> Tensor:
     return torch.nn.functional.interpolate(resized, size=light.shape[1:], mode="bilinear")[0]
 
 
-def _compressed(light: Tensor, quality: int) -> Tensor:
-    pixels = (255.0 * light.clamp(0.0, 1.0)).round().byte().movedim(0, -1).cpu().numpy()
-    file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(file, "JPEG", quality=quality)
-    with Image.open(file) as picture:
-        found = np.asarray(picture, dtype=np.float32) / 255.0
-    return torch.from_numpy(found).movedim(-1, 0).to(light.device)
-
-
 def _moved(mask: Tensor, pixels: int, *, outward: bool) -> Tensor:
     """The mask grown or shrunk by some pixels."""
     size = 2 * pixels + 1
@@ -110,14 +98,12 @@ def _moved(mask: Tensor, pixels: int, *, outward: bool) -> Tensor:
 
 def _cut(mask: Tensor, share: float, *, top: bool) -> Tensor:
     """The mask without a share of the subject's rows, at the head or at the feet."""
-    rows = torch.nonzero(mask[0].any(dim=1))[:, 0]
-    if not len(rows):
-        return mask
-    first, last = int(rows[0]), int(rows[-1]) + 1
-    lost = int(share * (last - first))
-    kept = torch.zeros_like(mask)
-    if top:
-        kept[:, first + lost :] = mask[:, first + lost :]
-    else:
-        kept[:, : last - lost] = mask[:, : last - lost]
-    return kept
+    # Numbers stay where the mask is: another device need not be waited for.
+    height = mask.shape[1]
+    rows = torch.arange(height, device=mask.device)
+    there = mask[0].amax(dim=1) > 0
+    first = torch.where(there, rows, height).min()
+    last = torch.where(there, rows + 1, 0).max()
+    lost = (share * (last - first).clamp(min=0)).int()
+    kept = rows >= first + lost if top else rows < last - lost
+    return mask * kept[None, :, None]

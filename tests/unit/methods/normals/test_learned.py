@@ -129,7 +129,7 @@ def test_both_learn_and_go_on_from_a_file(samples, tmp_path):
     trained = train(
         samples, samples, settings, tmp_path / "one", lambda *_: None, Together(make=tiny)
     )
-    angles = judged(trained.network, samples, torch.device("cpu"))
+    angles = judged(trained.network.cpu(), samples, torch.device("cpu"))
     assert angles.body_front_deg == pytest.approx(25.0, abs=0.5)
     assert angles.front_deg < 12.0
     assert bool(trained.device) == torch.cuda.is_available()
@@ -154,7 +154,7 @@ def test_what_is_picked_ahead_is_what_is_drawn(samples):
     draw = torch.Generator().manual_seed(5)
     picked = pick(samples, TOGETHER, draw)
     pick(samples, TOGETHER, torch.Generator().manual_seed(6))
-    later = varied(picked, TOGETHER, draw, torch.device("cpu"))
+    later = varied(picked, TOGETHER, draw)
     for name in at_once.__slots__:
         assert torch.equal(getattr(at_once, name), getattr(later, name))
 

@@ -5,7 +5,15 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from methods.normals.training.losses import Pixels, chord, expected, steps, total  # noqa: E402
+from methods.normals.training import losses  # noqa: E402
+from methods.normals.training.losses import (  # noqa: E402
+    AllPixels,
+    Pixels,
+    chord,
+    expected,
+    steps,
+    total,
+)
 from methods.normals.training.networks.network import Answer  # noqa: E402
 from methods.normals.training.samples import Batch  # noqa: E402
 from methods.normals.training.settings import LossWeights  # noqa: E402
@@ -50,10 +58,10 @@ def test_steps_are_nothing_for_a_map_that_is_off_by_the_same_everywhere():
 
 def test_the_expected_error_is_learned_to_be_the_mean():
     actual = torch.tensor([0.1, 0.3, 0.5])
-    values = [float(expected(torch.full((3,), p), actual)) for p in (0.2, 0.3, 0.4)]
+    values = [float(expected(torch.full((3,), p), actual).mean()) for p in (0.2, 0.3, 0.4)]
     assert values[1] == min(values)
     guess = torch.tensor(0.3, requires_grad=True)
-    expected(guess.expand(3), actual).backward()
+    expected(guess.expand(3), actual).mean().backward()
     assert float(guess.grad) == pytest.approx(0.0, abs=1e-6)
 
 
@@ -88,3 +96,23 @@ def test_the_error_s_estimate_does_not_move_the_normals():
         if weight == 0.0:
             alone = guess.grad.clone()
     torch.testing.assert_close(guess.grad, alone)
+
+
+def test_all_pixels_say_what_those_inside_say(monkeypatch):
+    torch.manual_seed(0)
+    front, back, true = (torch.randn(2, 3, 9, 7) for _ in range(3))
+    true = torch.nn.functional.normalize(true, dim=1)
+    errors = torch.rand(2, 1, 9, 7) + 0.1
+    inside = (torch.rand(2, 1, 9, 7) > 0.4).float()
+    found = []
+    for kind in (Pixels.of, AllPixels):
+        monkeypatch.setattr(losses, "counted_pixels", kind)
+        guesses = [values.clone().requires_grad_() for values in (front, back, errors)]
+        scene = Batch(true, inside, true, true, true, -true, inside, inside)
+        value = total(Answer(*guesses[:2], guesses[2], guesses[2]), scene, LossWeights())
+        value.backward()
+        found.append([value.detach(), *(guess.grad for guess in guesses)])
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
+    nothing = AllPixels(0 * inside)
+    assert float(nothing.mean(torch.ones(126))) == 0.0

@@ -23,6 +23,13 @@ def test_singular_values_become_about_one(shape):
     assert torch.trace(found.T @ matrix) > 0.6 * torch.linalg.svdvals(matrix).sum()
 
 
+def test_matrices_of_one_shape_are_done_at_once():
+    torch.manual_seed(0)
+    many = torch.randn(3, 24, 60)
+    for found, matrix in zip(orthogonal(many), many, strict=True):
+        torch.testing.assert_close(found, orthogonal(matrix), atol=0.02, rtol=0.02)
+
+
 def test_nothing_stays_nothing():
     assert not orthogonal(torch.zeros(20, 20)).any()
 

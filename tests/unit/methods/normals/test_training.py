@@ -87,7 +87,7 @@ def silent(steps, line):
 def test_it_learns_a_tilt(samples, tmp_path):
     settings = TrainingSettings(steps=60, batch=4, judge_every=60, rate=5e-3)
     trained = train(samples, samples, settings, tmp_path / "run", silent)
-    angles = judged(trained.network, samples, torch.device("cpu"))
+    angles = judged(trained.network.cpu(), samples, torch.device("cpu"))
     assert angles.body_front_deg == pytest.approx(25.0, abs=0.5)
     assert angles.front_deg < 8.0
     assert angles.back_deg < 12.0
