@@ -107,6 +107,7 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
         f"{WEIGHTS}/PROVENANCE-open-normals4.md",
         f"{WEIGHTS}/PROVENANCE-open-normals5.md",
         f"{WEIGHTS}/PROVENANCE-open-normals6.md",
+        f"{WEIGHTS}/PROVENANCE-open-normals7.md",
         f"{PUBLISHED}/PROVENANCE.md",
     }
 

@@ -149,7 +149,7 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
 
 
 @pytest.mark.slow
-def test_from_subjects_to_a_network_in_three_sittings(source, tmp_path):
+def test_from_subjects_to_a_network_in_four_sittings(source, tmp_path):
     from methods.normals.onnx_estimator import OnnxNormals
     from methods.normals.training.settings import NetworkPart, TrainingSettings
 
