@@ -56,8 +56,8 @@ class Lanes:
         if len(self._copies) == 1:
             # The mean of one, without thousands of small sums that another device would wait for.
             only = self._copies[0]
-            for parameter, copy in zip(self._network.parameters(), only.parameters(), strict=True):
-                parameter.grad = copy.grad
+            for parameter, same in zip(self._network.parameters(), only.parameters(), strict=True):
+                parameter.grad = same.grad
             return losses[0]
         lanes = zip(*(lane.parameters() for lane in self._copies), strict=True)
         for parameter, copies in zip(self._network.parameters(), lanes, strict=True):

@@ -71,7 +71,8 @@ def train(
     """A network trained on ``samples``, its error on ``judges`` written to ``curve.csv``.
 
     Training continues from a checkpoint in ``directory`` that was made with the same samples and
-    settings; the result does not depend on how often it was interrupted.
+    settings on the same kind of processor; the result does not depend on how often it was
+    interrupted.
 
     Args:
         samples: What is learned.
@@ -111,8 +112,11 @@ class _Run:
     ) -> None:
         torch.manual_seed(derive_seed(settings.seed, "normal-network") % 2**31)
         self.settings, self.path, self.learned = settings, path, learned
-        self.key = content_hash({**asdict(settings), "samples": list(samples.keys)})
         self.device = _chosen_device()
+        # Another kind of device draws other batches.
+        self.key = content_hash(
+            {**asdict(settings), "samples": list(samples.keys), "device": self.device.type}
+        )
         self.network = _placed(learned.network(), self.device)
         self.average = copy.deepcopy(self.network)
         # Cores share a batch; a graphics processor is faster with all of it.
@@ -139,7 +143,7 @@ class _Run:
             if saved["key"] != run.key:
                 raise HarnessError(
                     f"the checkpoint {path} is of another training",
-                    expected="the same samples and settings",
+                    expected="the same samples, settings and kind of processor",
                     hint="Choose another --output, or delete it",
                 )
             run.network.load_state_dict(saved["network"])
@@ -205,6 +209,7 @@ def _chosen_device() -> torch.device:
     # These forms of attention do not add up in the same order each time.
     torch.backends.cuda.enable_flash_sdp(False)
     torch.backends.cuda.enable_mem_efficient_sdp(False)
+    torch.backends.cuda.enable_cudnn_sdp(False)
     return torch.device("cuda")
 
 

@@ -104,8 +104,9 @@ class AllPixels:
         self._inside = (inside[:, 0] > 0).float()
 
     def rows(self, maps: Tensor) -> Tensor:
-        """See ``Pixels``."""
-        return maps.movedim(1, -1).flatten(0, 2).float()
+        """See ``Pixels``; 1 outside, so that nothing there can spoil a sum."""
+        known = torch.where(self._inside[:, None] > 0, maps.float(), 1.0)
+        return known.movedim(1, -1).flatten(0, 2)
 
     def mean(self, values: Tensor) -> Tensor:
         """See ``Pixels``."""

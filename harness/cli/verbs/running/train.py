@@ -125,8 +125,8 @@ Both = Annotated[
     bool,
     typer.Option(
         "--both",
-        help="Train both networks together, each from its weights in --from. Worth it on a "
-        "graphics processor, which does in minutes what two cores do in hours.",
+        help="Train both networks together, each from its weights in --from: the first one on "
+        "whole people, the second one on windows of what that answers.",
     ),
 ]
 

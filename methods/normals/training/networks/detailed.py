@@ -97,7 +97,9 @@ class FirstLook(nn.Module):
         """What the network says, as ``forward`` returns it."""
         left, _, top, _ = _rim(mask)
         height, width = mask.shape[2:]
-        large = self.enlarge(torch.cat([_unit(answer.front), _unit(answer.back)], dim=1))
+        # Half the digits are too few for a direction.
+        sides = [_unit(normals.float()) for normals in (answer.front, answer.back)]
+        large = self.enlarge(torch.cat(sides, dim=1))
         large = large[..., top : top + height, left : left + width]
         front, back = large.split(3, dim=1)
         return _unit(front) * mask, _unit(back) * mask

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Protocol
 
 import torch
@@ -30,28 +31,25 @@ class Learned(Protocol):
     def loss(
         self, network: nn.Module, batch: Batch, settings: TrainingSettings, draw: torch.Generator
     ) -> Tensor:
-        """The loss of such a network on a batch, whose source of randomness goes on."""
+        """(), the loss of such a network on a batch, whose source of randomness goes on."""
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Alone:
     """One network.
 
-    Args:
+    Attributes:
         start: Its first weights; random ones unless given.
         make: Returns a new one.
     """
 
-    def __init__(
-        self,
-        start: Mapping[str, Tensor] | None = None,
-        make: Callable[[], NormalNetwork] = NormalNetwork,
-    ) -> None:
-        self._start, self._make = start, make
+    start: Mapping[str, Tensor] | None = None
+    make: Callable[[], NormalNetwork] = NormalNetwork
 
     def network(self) -> nn.Module:
         """See ``Learned``."""
-        return _started(self._make(), self._start)
+        return _started(self.make(), self.start)
 
     def loss(
         self, network: nn.Module, batch: Batch, settings: TrainingSettings, draw: torch.Generator
@@ -61,35 +59,32 @@ class Alone:
         return total(answered(network, batch), batch, settings.losses)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Together:
     """Both networks of a ``Detailed``.
 
-    The first one answers to whole people at two thirds of the photo's size and is judged there. The
-    second one is given these answers, and judged in windows around some of each person's pixels.
-    It does not move the first one's weights.
+    The first one's mean answer to whole people and to their mirror image, moved, is judged at two
+    thirds of the photo's size. The second one is given this answer, and judged in windows around
+    some of each person's pixels. It does not move the first one's weights.
 
-    Args:
+    Attributes:
         start: First weights of both; random ones unless given.
         make: Returns a new network of either kind.
     """
 
-    def __init__(
-        self,
-        start: Mapping[str, Tensor] | None = None,
-        make: Callable[[], NormalNetwork] = NormalNetwork,
-    ) -> None:
-        self._start, self._make = start, make
+    start: Mapping[str, Tensor] | None = None
+    make: Callable[[], NormalNetwork] = NormalNetwork
 
     def network(self) -> nn.Module:
         """See ``Learned``."""
-        return _started(Detailed(self._make(), self._make()), self._start)
+        return _started(Detailed(self.make(), self.make()), self.start)
 
     def loss(
         self, network: nn.Module, batch: Batch, settings: TrainingSettings, draw: torch.Generator
     ) -> Tensor:
-        """The sum of both losses."""
+        """(), the sum of both losses."""
         assert isinstance(network, Detailed)
-        # Before anything else: what is far off in the queue of another processor is not waited for.
+        # First, because reading them back waits for everything that is queued on the device.
         corners = _corners(batch.mask, settings, draw)
         first = network.first
         small = _small(network, batch)
@@ -98,7 +93,7 @@ class Together:
         answer = _single(answer)
         with torch.no_grad():
             front, back = first.enlarged(answer, batch.mask)
-        near = _windows(batch, front, back, corners, settings.windows.near_px)
+        near = _windows(batch, front, back, corners, _size(batch.mask, settings))
         losses = settings.losses
         return total(answer, small, losses) + total(answered(network.detail, near), near, losses)
 
@@ -153,7 +148,7 @@ def _corners(
     mask: Tensor, settings: TrainingSettings, draw: torch.Generator
 ) -> list[tuple[int, int, int]]:
     """Picture, column and row of the corners of windows around random pixels of masks."""
-    count, (across, down) = settings.windows.near_count, settings.windows.near_px
+    count, (across, down) = settings.windows.near_count, _size(mask, settings)
     height, width = mask.shape[2:]
     order = mask.flatten(1).cumsum(1, dtype=torch.int32)
     share = torch.rand(len(mask), count, generator=draw).to(mask.device)
@@ -168,6 +163,12 @@ def _corners(
         for number, row in enumerate(places)
         for place in row
     ]
+
+
+def _size(mask: Tensor, settings: TrainingSettings) -> tuple[int, int]:
+    """Columns and rows of windows: as asked for, or all of a smaller sample."""
+    across, down = settings.windows.near_px
+    return min(across, mask.shape[3]), min(down, mask.shape[2])
 
 
 def _windows(

@@ -1,4 +1,4 @@
-"""Batches of samples: picked and put into other light by a processor, varied on any device.
+"""Batches of samples: picked by the processor, varied on any device, in other light too.
 
 What is drawn follows from the source of randomness alone, so that batches can be picked ahead, in
 any order.
@@ -27,7 +27,7 @@ from methods.normals.training.variations.photo_faults import spoilt
 from methods.normals.training.variations.relighting import relit
 from methods.normals.training.variations.turning import Placement, drawn_placement
 
-__all__ = ["Picked", "drawn", "pick", "varied"]
+__all__ = ["Lit", "Picked", "drawn", "pick", "varied"]
 
 #: A pixel of a turned mask is inside if so much of it is.
 _COVERED = 0.5
@@ -37,25 +37,42 @@ _GAIN, _EXPONENT = 0.15, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Lit:
+    """What puts a sample into another light: bytes of all its pixels, as ``relit`` takes them."""
+
+    albedo: Tensor
+    lights: Tensor
+    coverage: Tensor
+
+    @classmethod
+    def of(cls, arrays: Arrays) -> Lit:
+        """That of a sample (H, W, ...)."""
+        found = (torch.from_numpy(np.array(arrays[name])) for name in _LIT)
+        return cls(*(values.flatten(0, 1) for values in found))
+
+    def to(self, device: torch.device) -> Lit:
+        """The same on a device."""
+        return Lit(*(getattr(self, name).to(device) for name in _LIT))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Picked:
     """Samples, or windows of them, that become a batch.
 
     Attributes:
-        maps: Theirs, stacked.
+        maps: Theirs, stacked: (B, H, W, ...) by the names that ``batch_of`` takes.
         relit: What is needed of those that are put into another light, by their numbers.
         rim_px: What lies around each of them and is cut away after it was turned.
     """
 
     maps: dict[str, Tensor]
-    relit: dict[int, tuple[Tensor, ...]]
+    relit: dict[int, Lit]
     rim_px: int
 
     def to(self, device: torch.device) -> Picked:
         """The same on a device: bytes travel, a quarter of what they become there."""
         maps = {name: values.to(device) for name, values in self.maps.items()}
-        relit = {
-            number: tuple(values.to(device) for values in one) for number, one in self.relit.items()
-        }
+        relit = {number: lit.to(device) for number, lit in self.relit.items()}
         return Picked(maps, relit, self.rim_px)
 
 
@@ -85,7 +102,7 @@ def pick(samples: Samples, settings: TrainingSettings, draw: torch.Generator) ->
     is_near = is_near and near[0] <= samples.whole.width and near[1] <= samples.whole.height
     taken = (_near if is_near else _strips)(samples, settings, draw)
     chosen = torch.nonzero(torch.rand(len(taken), generator=draw) < settings.relit)[:, 0]
-    others = {number: _lit(taken[number]) for number in chosen.tolist()}
+    others = {number: Lit.of(taken[number]) for number in chosen.tolist()}
     return Picked(stacked(taken), others, windows.rim_px if is_near else 0)
 
 
@@ -144,16 +161,10 @@ def _below(count: int, draw: torch.Generator) -> int:
     return int(torch.randint(count, (), generator=draw))
 
 
-def _lit(arrays: Arrays) -> tuple[Tensor, ...]:
-    """Colour, light and coverage of every pixel (H W, ...)."""
-    found = (torch.from_numpy(np.array(arrays[name])) for name in _LIT)
-    return tuple(values.flatten(0, 1) for values in found)
-
-
-def _relight(image: Tensor, mask: Tensor, lit: tuple[Tensor, ...], draw: torch.Generator) -> None:
+def _relight(image: Tensor, mask: Tensor, lit: Lit, draw: torch.Generator) -> None:
     """Put a sample's photo (3, H, W) into another light, inside its mask (1, H, W)."""
-    albedo, lights, coverage = lit
-    picture = relit(albedo, lights, coverage, draw).view(*mask.shape[1:], 3).movedim(-1, 0)
+    rows = relit(lit.albedo, lit.lights, lit.coverage, draw)
+    picture = rows.view(*mask.shape[1:], 3).movedim(-1, 0)
     image.copy_((picture.float() / 127.5 - 1.0) * mask)
 
 

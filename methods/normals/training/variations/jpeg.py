@@ -1,8 +1,9 @@
 """What JPEG leaves of a picture, worked out on any device, without its file.
 
-Everything that loses something is done: half of the columns and rows of colour, eight by eight
-cosines in steps of the standard's tables, and bytes. What packs the steps loses nothing and is left
-out. Source: ITU-T T.81 (1992), annex K; the tables' scale is that of the Independent JPEG Group.
+What loses something is done: colour at half of the columns and rows, eight by eight cosines in
+steps of the standard's tables, and whole numbers at the end. What packs the steps loses nothing and
+is left out. Source: ITU-T T.81 (1992), annex K; the tables' scale is that of the Independent JPEG
+Group.
 """
 
 from __future__ import annotations

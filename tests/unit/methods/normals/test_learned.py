@@ -9,6 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from methods.normals.training.drawer import Drawer  # noqa: E402
 from methods.normals.training.loop import judged, train  # noqa: E402
 from methods.normals.training.networks.detailed import Detailed  # noqa: E402
 from methods.normals.training.networks.export import export_network  # noqa: E402
@@ -23,7 +24,7 @@ from methods.normals.training.settings import (  # noqa: E402
     Turning,
     Windows,
 )
-from methods.normals.training.variations.drawing import drawn, pick, varied  # noqa: E402
+from methods.normals.training.variations.drawing import drawn  # noqa: E402
 
 HEIGHT, WIDTH = 192, 96
 NEAR = Windows(near_px=(32, 64), near_count=3)
@@ -123,7 +124,7 @@ def test_nobody_in_the_picture_is_no_error(samples):
     assert torch.isfinite(together.loss(together.network(), empty, STILL, draw))
 
 
-def test_both_learn_and_go_on_from_a_file(samples, tmp_path):
+def test_both_learn(samples, tmp_path):
     settings = replace(TOGETHER, steps=40, judge_every=40, batch=2, rate=5e-3)
     torch.manual_seed(0)
     trained = train(
@@ -149,14 +150,28 @@ def test_a_file_of_two_is_where_both_start(tmp_path):
         torch.testing.assert_close(mine, yours, rtol=1e-3, atol=1e-4)
 
 
-def test_what_is_picked_ahead_is_what_is_drawn(samples):
-    at_once = drawn(samples, TOGETHER, torch.Generator().manual_seed(5))
-    draw = torch.Generator().manual_seed(5)
-    picked = pick(samples, TOGETHER, draw)
-    pick(samples, TOGETHER, torch.Generator().manual_seed(6))
-    later = varied(picked, TOGETHER, draw)
-    for name in at_once.__slots__:
-        assert torch.equal(getattr(at_once, name), getattr(later, name))
+def test_what_is_picked_ahead_is_what_is_drawn_in_turn(samples):
+    processor = torch.device("cpu")
+    ahead, in_turn = (
+        Drawer(samples, TOGETHER, processor, parts=2, ahead=ahead) for ahead in (True, False)
+    )
+    for step in (1, 2, 3):
+        for part in (0, 1):
+            (early, _), (late, _) = (each.batch(step, part) for each in (ahead, in_turn))
+            assert len(early.mask) == 1
+            for name in early.__slots__:
+                assert torch.equal(getattr(early, name), getattr(late, name)), name
+
+
+def test_windows_are_no_larger_than_the_sample(samples):
+    settings = replace(STILL, windows=replace(STILL.windows, near_px=(128, 64)))
+    draw = torch.Generator().manual_seed(1)
+    network = Together(make=Seen).network()
+    batch = drawn(samples, settings, draw)
+    assert torch.isfinite(Together().loss(network, batch, settings, draw))
+    image, mask, _, _ = network.detail.given[0]
+    assert image.shape == (6, 3, 64, WIDTH)
+    assert (mask.sum(dim=(1, 2, 3)) > 0).all()
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a graphics processor")

@@ -107,7 +107,9 @@ def test_all_pixels_say_what_those_inside_say(monkeypatch):
     found = []
     for kind in (Pixels.of, AllPixels):
         monkeypatch.setattr(losses, "counted_pixels", kind)
-        guesses = [values.clone().requires_grad_() for values in (front, back, errors)]
+        # What is outside says nothing, whatever it is.
+        unknown = torch.where(inside > 0, errors, torch.inf)
+        guesses = [values.clone().requires_grad_() for values in (front, back, unknown)]
         scene = Batch(true, inside, true, true, true, -true, inside, inside)
         value = total(Answer(*guesses[:2], guesses[2], guesses[2]), scene, LossWeights())
         value.backward()

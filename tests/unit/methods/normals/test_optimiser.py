@@ -23,11 +23,20 @@ def test_singular_values_become_about_one(shape):
     assert torch.trace(found.T @ matrix) > 0.6 * torch.linalg.svdvals(matrix).sum()
 
 
-def test_matrices_of_one_shape_are_done_at_once():
+def test_matrices_of_one_shape_are_done_at_once_and_stay_apart():
     torch.manual_seed(0)
-    many = torch.randn(3, 24, 60)
-    for found, matrix in zip(orthogonal(many), many, strict=True):
-        torch.testing.assert_close(found, orthogonal(matrix), atol=0.02, rtol=0.02)
+    shapes = [(24, 60), (20, 20), (24, 60), (60, 24), (5,), (20, 20), (24, 60)]
+    together = [nn.Parameter(torch.randn(shape)) for shape in shapes]
+    alone = copy.deepcopy(together)
+    for number, (one, other) in enumerate(zip(together, alone, strict=True)):
+        if number != 2:
+            one.grad = torch.randn_like(one)
+            other.grad = one.grad.clone()
+    Muon(together, lr=0.1, weight_decay=0.1).step()
+    for parameter in alone:
+        Muon([parameter], lr=0.1, weight_decay=0.1).step()
+    for one, other in zip(together, alone, strict=True):
+        torch.testing.assert_close(one, other, atol=0.003, rtol=0)
 
 
 def test_nothing_stays_nothing():
