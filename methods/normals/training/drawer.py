@@ -51,7 +51,7 @@ class Drawer:
         """A part of a step's batch, on the device, and the source that it was drawn from."""
         if self._pool is None:
             settings, draw = self._source(step, part)
-            return drawn(self._samples, settings, draw), draw
+            return drawn(self._samples, settings, draw, self._device), draw
         picked, draw = self._picked(self._pool, step, part)
         return varied(picked, self._settings, draw), draw
 

@@ -14,6 +14,7 @@ from methods.normals.training.networks.detailed import Detailed, reduced_normals
 from methods.normals.training.networks.network import Answer, NormalNetwork
 from methods.normals.training.samples import Batch
 from methods.normals.training.settings import TrainingSettings
+from methods.normals.training.variations.drawing import corner
 
 __all__ = ["Alone", "Learned", "Together", "answered"]
 
@@ -157,8 +158,8 @@ def _corners(
     return [
         (
             number,
-            min(max(place % width - across // 2, 0), width - across),
-            min(max(place // width - down // 2, 0), height - down),
+            corner(place % width, across, width),
+            corner(place // width, down, height),
         )
         for number, row in enumerate(places)
         for place in row

@@ -27,7 +27,7 @@ from methods.normals.training.variations.photo_faults import spoilt
 from methods.normals.training.variations.relighting import relit
 from methods.normals.training.variations.turning import Placement, drawn_placement
 
-__all__ = ["Lit", "Picked", "drawn", "pick", "varied"]
+__all__ = ["Lit", "Picked", "corner", "drawn", "pick", "varied"]
 
 #: A pixel of a turned mask is inside if so much of it is.
 _COVERED = 0.5
@@ -151,10 +151,15 @@ def _around(samples: Samples, index: int, size: tuple[int, int], draw: torch.Gen
     pixels = np.flatnonzero(samples.mask(index))
     middle = divmod(int(pixels[_below(len(pixels), draw)]), whole.width)
     top, left = (
-        int(np.clip(at - side // 2, 0, most - side))
+        corner(at, side, most)
         for at, side, most in zip(middle, size[::-1], (whole.height, whole.width), strict=True)
     )
     return samples.taken(index, Window(left, top, *size))
+
+
+def corner(middle: int, side: int, most: int) -> int:
+    """Where a window of a side begins, around a pixel of a picture that is at least as long."""
+    return min(max(middle - side // 2, 0), most - side)
 
 
 def _below(count: int, draw: torch.Generator) -> int:
