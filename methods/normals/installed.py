@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 #: The estimator of our own, shipped with the package.
-OPEN_NETWORK = "open-normals6"
+OPEN_NETWORK = "open-normals7"
 
 _INDEX = "weights.json"
 
