@@ -45,7 +45,7 @@ def view(side: int) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.slow
 def test_a_view_takes_less_than_a_second_and_a_half_of_two_cores(benchmark, in_turns):
-    """Measured with ``open-normals6``: 3.0 to 3.1 on busy cores; on free ones about 1 s a view."""
+    """With ``open-normals6``, of the same form: 3.0 to 3.1 on busy cores; free, 1 s a view."""
     ours, mask = network(NormalChoice("open"))
     first, _ = network(NormalChoice("onnx", FIRST))
     ours(), first()
