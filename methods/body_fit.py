@@ -69,6 +69,8 @@ class BodyFit:
         self.settings = settings
         self.views = views
         self._name, self._title, self._published = name, title, published
+        # Refuses settings that do not go together before anything runs.
+        _ = _normal_choice(settings)
 
     @functools.cached_property
     def info(self) -> MethodInfo:
@@ -172,7 +174,8 @@ class BodyFit:
 
         def normals_in(own: Views, world_to_fit: Floats) -> NormalsOf:
             moved = _moved(capture, world_to_fit)
-            choice = NormalChoice(self.settings.normals)
+            choice = _normal_choice(self.settings)
+            assert choice is not None, "the settings want a network"
             return EstimatedNormals(moved, own, body.faces, choice)
 
         def first_in(own: Views, world_to_fit: Floats) -> dict[str, Any]:
@@ -212,13 +215,21 @@ def _model_file(settings: FitSettings) -> str:
 
 
 def _parts(settings: FitSettings) -> tuple[Part, ...]:
+    choice = _normal_choice(settings)
     return (
         body_part(settings.model, _model_file(settings)),
         *((offsets_part(),) if settings.model == "smplx" else ()),
         detection.part(),
         *((pixie_part(),) if settings.uses_pixie else ()),
-        *((NormalChoice(settings.normals).part,) if settings.wants_network else ()),
+        *((choice.part,) if choice is not None and settings.wants_network else ()),
     )
+
+
+def _normal_choice(settings: FitSettings) -> NormalChoice | None:
+    """Which estimator the normal term asks; None without that term. Errors as ``NormalChoice``."""
+    if settings.normals == "off":
+        return None
+    return NormalChoice(settings.normals, settings.normals_model)
 
 
 _ALL = tuple(range(8))

@@ -27,8 +27,9 @@ class FitSettings(Weights):
             sees in the first view; or ``landmarks``, one body fitted to the
             landmarks of all views, which also finds views with left and right exchanged.
         normals: What the normal term compares the body with: ``off``; ``open``, the network that is
-            shipped; ``econ``, ECON's own, which the user imported; or ``oracle``, rendered from
-            the scan, a privilege.
+            shipped; ``econ``, ECON's own, which the user imported; ``onnx``; or ``oracle``,
+            rendered from the scan, a privilege.
+        normals_model: A network's file or the name of an imported one, for ``onnx``.
         depth: What tells a single view how far away the subject is: ``height-prior``, how tall the
             body model takes people to be, or ``subject-centre``, a privilege.
         subject_px: Longer side of the subject in the pictures that the fit works on.
@@ -39,6 +40,7 @@ class FitSettings(Weights):
     stage: str = "jmbo"
     start: str = "average"
     normals: str = "open"
+    normals_model: str = ""
     depth: str = "height-prior"
     subject_px: int = 256
 
@@ -48,7 +50,7 @@ class FitSettings(Weights):
             ("model", ("anny", "smplx")),
             ("stage", ("front", "average", "landmarks", "jmbo")),
             ("start", ("average", "landmarks", "pixie")),
-            ("normals", ("off", "open", "econ", "oracle")),
+            ("normals", ("off", "open", "econ", "onnx", "oracle")),
             ("depth", ("height-prior", "subject-centre")),
         ):
             check_choice(name, getattr(self, name), known)
@@ -71,7 +73,7 @@ class FitSettings(Weights):
     @property
     def wants_network(self) -> bool:
         """Whether a normal network is run."""
-        return self.compares_normals and self.normals in ("open", "econ")
+        return self.compares_normals and self.normals in ("open", "econ", "onnx")
 
     @property
     def uses_oracle(self) -> bool:
@@ -82,9 +84,12 @@ class FitSettings(Weights):
         """The settings that a fit to so many views depends on, by name."""
         unused = set[str]() if self.stage == "jmbo" else {field.name for field in fields(Weights)}
         if self.stage != "jmbo":
-            unused |= {"normals"} if self.uses_pixie else {"start", "normals"}
+            unused |= {"normals", "normals_model"} | (set() if self.uses_pixie else {"start"})
         if views > 1:
             unused.add("depth")
+        if self.normals != "onnx":
+            unused.add("normals_model")
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values["model_file"] = bool(self.model_file)
+        values["normals_model"] = bool(self.normals_model)
         return {name: value for name, value in values.items() if name not in unused}

@@ -10,7 +10,9 @@ from harness.core.files.hashing import content_hash
 from harness.core.protocols import EstimatedNormals
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.run.chosen_method import ChosenMethod
+from methods.body_fit import jmbo8
 from methods.econ import econ
+from methods.mexecon import mexecon8
 from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.installed import OPEN_NETWORK
 from methods.normals.view_maps import filled_normals
@@ -170,6 +172,26 @@ def test_methods_can_do_without_a_network_that_is_not_there(places):
         _ = missing.info
     parts = missing.configured({"surface.normals": "body", "body.normals": "off"}).info.parts
     assert "normals of the fitted body" in [part.name for part in parts]
+
+
+def test_the_body_fit_takes_a_network_of_its_own(places, save_network):
+    for name, training_set in ((OPEN_NETWORK, "avatars-train t00001"), ("second", "more")):
+        path = save_network(places / f"{name}.onnx", licence="CC0-1.0", training_set=training_set)
+        installed.import_file(path, name, installed.shipped_place())
+    other = {"body.normals": "onnx", "body.normals_model": "second"}
+    estimators = [part.name for part in jmbo8.configured(other).info.parts][-1:]
+    assert estimators == ["second"]
+    both = mexecon8.configured(other).info
+    assert [part.name for part in both.parts if part.role == "normal estimator"] == [
+        "second",
+        OPEN_NETWORK,
+    ]
+    # A file's place is nobody's business; its content is among the parts.
+    assert both.parameters["body"]["normals_model"] is True
+    assert "normals_model" not in mexecon8.info.parameters["body"]
+    for wrong in ({"body.normals": "onnx"}, {"body.normals_model": "second"}):
+        with pytest.raises(HarnessError, match="do not go together"):
+            jmbo8.configured(wrong)
 
 
 def test_a_request_without_its_network_ends_before_any_work(places):
