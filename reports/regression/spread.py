@@ -19,7 +19,8 @@ def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Bas
     """The baseline with tolerances from how far other runs of the same cells are from it.
 
     A method's tolerance for a metric becomes twice the largest difference over its subjects and
-    over the runs, but not less than the default; it says so as its source.
+    over the runs, but not less than the default; it says so as its source. One that the baseline
+    has already, from earlier runs, stays where it is wider.
 
     Args:
         baseline: Whose numbers stay.
@@ -40,10 +41,11 @@ def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Bas
                 path = f"{record.method_name}/{name}"
                 apart = abs(number.value - entry.metrics[name].value)
                 largest[path] = max(largest.get(path, (0.0, "")), (apart, number.unit))
-    tolerances = {path: value for path, value in baseline.tolerances.items() if "/" not in path}
+    tolerances = dict(baseline.tolerances)
     for path, (apart, unit) in largest.items():
         default = tolerances.get(path.partition("/")[2]) or default_tolerance(path, unit)
-        if _SPREADS * apart > default.absolute:
+        least = max(default.absolute, tolerances.get(path, default).absolute)
+        if _SPREADS * apart > least:
             source = f"twice the largest difference of the runs {', '.join(runs)}"
             absolute = float(f"{_SPREADS * apart:.3g}")
             tolerances[path] = Tolerance(absolute, default.relative, unit, source)

@@ -39,7 +39,8 @@ def check(
             "--spread",
             metavar="RUNS",
             help="With --update: other runs of the same methods and subjects, comma-separated; "
-            "twice the largest difference between the runs becomes the tolerance.",
+            "twice the largest difference between the runs becomes the tolerance where it is wider "
+            "than the stored one.",
         ),
     ] = "",
     summary: Annotated[

@@ -295,6 +295,18 @@ def test_a_measured_spread_becomes_the_methods_own_tolerance(tmp_path):
     assert Baseline.load(tmp_path / "baseline.json") == made
 
 
+def test_a_wider_tolerance_of_earlier_runs_stays():
+    base = update([with_chamfer(HULL[0], 20.0)])
+    first = with_spread(base, {"other-light": [with_chamfer(HULL[0], 20.4)]})
+    later = with_spread(first, {"other-processor": [with_chamfer(HULL[0], 20.1)]})
+    assert later.tolerance("hull8", "chamfer") == first.tolerance("hull8", "chamfer")
+    wider = with_spread(first, {"other-processor": [with_chamfer(HULL[0], 20.5)]})
+    assert wider.tolerance("hull8", "chamfer").absolute == pytest.approx(1.0)
+    # Nor does a run of other methods take it away.
+    others = [record for record in RECORDS if record.method_name != "hull8"]
+    assert with_spread(first, {"other-light": others}).tolerances == first.tolerances
+
+
 def test_a_spread_is_not_measured_with_another_recipe():
     base = update(HULL)
     with pytest.raises(ProtocolMismatch, match="run other-light .* their recipe differs") as raised:
