@@ -5,8 +5,9 @@ A page marks the place of a table by what comes after ``harness report``::
     <!-- table: --records docs/measured/paper8.jsonl --table geometry --method hull8,mexecon+ -->
     <!-- end of table -->
 
-``python docs/site/fill_tables.py`` writes each table between its two marks. With ``--check`` it
-writes nothing, and ends with 1 if a page has another text there.
+A place that begins with ``rows:`` instead of ``table:`` has the table's rows alone, without what is
+said above and below them. ``python docs/site/fill_tables.py`` writes each table between its two
+marks. With ``--check`` it writes nothing, and ends with 1 if a page has another text there.
 """
 
 from __future__ import annotations
@@ -27,15 +28,17 @@ __all__ = ["ROOT", "filled", "pages_with_tables"]
 ROOT = Path(__file__).resolve().parents[2]
 
 _PLACE = re.compile(
-    r"^<!-- table: (?P<arguments>[^\n]+) -->\n.*?^<!-- end of table -->$", re.MULTILINE | re.DOTALL
+    r"^<!-- (?P<kind>table|rows): (?P<arguments>[^\n]+) -->\n.*?^<!-- end of (?P=kind) -->$",
+    re.MULTILINE | re.DOTALL,
 )
+_FOOTNOTE_MARK = re.compile(r"<sup>.*?</sup>")
 #: Options whose value is a file of records.
 _FILES = ("--records", "--before")
 
 
 def pages_with_tables(root: Path = ROOT) -> list[Path]:
-    """The pages of ``docs/`` that have a mark, in the order of their names."""
-    pages = sorted((root / "docs").glob("*.md"))
+    """The README and the pages of ``docs/`` that have a mark, in the order of their names."""
+    pages = [*root.glob("README.md"), *sorted((root / "docs").glob("*.md"))]
     return [page for page in pages if _PLACE.search(page.read_text(encoding="utf-8"))]
 
 
@@ -49,10 +52,10 @@ def filled(text: str, root: Path = ROOT) -> str:
     Raises:
         ValueError: ``harness report`` refuses what a mark asks for.
     """
-    return _PLACE.sub(lambda place: _table(place["arguments"], root), text)
+    return _PLACE.sub(lambda place: _table(place["kind"], place["arguments"], root), text)
 
 
-def _table(arguments: str, root: Path) -> str:
+def _table(kind: str, arguments: str, root: Path) -> str:
     words = shlex.split(arguments)
     for option in _FILES:
         if option in words[:-1]:
@@ -61,7 +64,11 @@ def _table(arguments: str, root: Path) -> str:
     found = CliRunner().invoke(app, ["report", *words])
     if found.exit_code:
         raise ValueError(f"harness report {arguments}: {found.exception or found.output}")
-    return f"<!-- table: {arguments} -->\n\n{found.stdout.strip()}\n\n<!-- end of table -->"
+    table = found.stdout.strip()
+    if kind == "rows":
+        rows = [line for line in table.splitlines() if line.startswith("|")]
+        table = _FOOTNOTE_MARK.sub("", "\n".join(rows))
+    return f"<!-- {kind}: {arguments} -->\n\n{table}\n\n<!-- end of {kind} -->"
 
 
 def _main() -> int:

@@ -25,7 +25,7 @@ def tables() -> ModuleType:
 def test_pages_have_the_tables_that_their_records_give(tables: ModuleType) -> None:
     pages = tables.pages_with_tables()
 
-    assert ROOT / "docs" / "results.md" in pages
+    assert {ROOT / "README.md", ROOT / "docs" / "results.md"} <= set(pages)
     for page in pages:
         text = page.read_text(encoding="utf-8")
         assert tables.filled(text) == text, "run 'python docs/site/fill_tables.py'"
@@ -45,6 +45,17 @@ def test_text_around_a_mark_stays(tables: ModuleType) -> None:
     assert found.endswith("<!-- end of table -->\n\nafter\n")
     assert "| Visual hull, 8 views" in found
     assert "\nold\n" not in found
+    assert tables.filled(found) == found
+
+
+def test_rows_come_without_what_is_said_around_them(tables: ModuleType) -> None:
+    asked = "--records docs/measured/paper8.jsonl --method hull8,mexecon+"
+    found = tables.filled(f"<!-- rows: {asked} -->\n<!-- end of rows -->\n")
+    rows = [line for line in found.splitlines()[1:-1] if line]
+
+    assert len(rows) == 4
+    assert all(row.startswith("|") and row.endswith("|") for row in rows)
+    assert "<sup>" not in found
     assert tables.filled(found) == found
 
 
