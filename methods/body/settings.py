@@ -87,8 +87,6 @@ class FitSettings(Weights):
             unused |= {"normals", "normals_model"} | (set() if self.uses_pixie else {"start"})
         if views > 1:
             unused.add("depth")
-        if self.normals != "onnx":
-            unused.add("normals_model")
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         values["model_file"] = bool(self.model_file)
         values["normals_model"] = bool(self.normals_model)
