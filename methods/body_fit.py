@@ -69,8 +69,9 @@ class BodyFit:
         self.settings = settings
         self.views = views
         self._name, self._title, self._published = name, title, published
-        # Refuses settings that do not go together before anything runs.
-        _ = _normal_choice(settings)
+        if settings.normals != "off":
+            # Refuses settings that do not go together before anything runs.
+            _ = _normal_choice(settings)
 
     @functools.cached_property
     def info(self) -> MethodInfo:
@@ -174,9 +175,7 @@ class BodyFit:
 
         def normals_in(own: Views, world_to_fit: Floats) -> NormalsOf:
             moved = _moved(capture, world_to_fit)
-            choice = _normal_choice(self.settings)
-            assert choice is not None, "the settings want a network"
-            return EstimatedNormals(moved, own, body.faces, choice)
+            return EstimatedNormals(moved, own, body.faces, _normal_choice(self.settings))
 
         def first_in(own: Views, world_to_fit: Floats) -> dict[str, Any]:
             assert isinstance(body, SmplxBody), "the settings want SMPL-X for PIXIE"
@@ -215,20 +214,17 @@ def _model_file(settings: FitSettings) -> str:
 
 
 def _parts(settings: FitSettings) -> tuple[Part, ...]:
-    choice = _normal_choice(settings)
     return (
         body_part(settings.model, _model_file(settings)),
         *((offsets_part(),) if settings.model == "smplx" else ()),
         detection.part(),
         *((pixie_part(),) if settings.uses_pixie else ()),
-        *((choice.part,) if choice is not None and settings.wants_network else ()),
+        *((_normal_choice(settings).part,) if settings.wants_network else ()),
     )
 
 
-def _normal_choice(settings: FitSettings) -> NormalChoice | None:
-    """Which estimator the normal term asks; None without that term. Errors as ``NormalChoice``."""
-    if settings.normals == "off":
-        return None
+def _normal_choice(settings: FitSettings) -> NormalChoice:
+    """Which estimator the normal term asks, where there is one. Errors as ``NormalChoice``."""
     return NormalChoice(settings.normals, settings.normals_model)
 
 

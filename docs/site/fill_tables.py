@@ -38,7 +38,7 @@ _FILES = ("--records", "--before")
 
 def pages_with_tables(root: Path = ROOT) -> list[Path]:
     """The README and the pages of ``docs/`` that have a mark, in the order of their names."""
-    pages = [*root.glob("README.md"), *sorted((root / "docs").glob("*.md"))]
+    pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
     return [page for page in pages if _PLACE.search(page.read_text(encoding="utf-8"))]
 
 

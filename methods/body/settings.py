@@ -84,7 +84,9 @@ class FitSettings(Weights):
         """The settings that a fit to so many views depends on, by name."""
         unused = set[str]() if self.stage == "jmbo" else {field.name for field in fields(Weights)}
         if self.stage != "jmbo":
-            unused |= {"normals", "normals_model"} | (set() if self.uses_pixie else {"start"})
+            unused |= {"normals", "normals_model"}
+            if not self.uses_pixie:
+                unused.add("start")
         if views > 1:
             unused.add("depth")
         values = {field.name: getattr(self, field.name) for field in fields(self)}
