@@ -21,7 +21,7 @@ from methods.normals import installed
 from methods.normals.econ.estimator import econ_normals, econ_part
 from methods.normals.onnx_estimator import OnnxNormals
 
-__all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
+__all__ = ["BodyNormals", "NormalChoice", "ScanNormals", "check_no_network"]
 
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
@@ -66,6 +66,20 @@ class ScanNormals:
                 got=f"{mask.shape[1]} x {mask.shape[0]}",
             )
         return EstimatedNormals(self._oracle(self._camera), self._oracle(self._camera, side="far"))
+
+
+def check_no_network(model: str) -> None:
+    """Accept no network's name; for a method whose setting ``normals`` is ``off``.
+
+    Raises:
+        HarnessError: a network is named, which would never be asked.
+    """
+    if model:
+        raise HarnessError(
+            "setting 'normals_model' names a network that is not used where 'normals' is 'off'",
+            expected="no 'normals_model', or normals=onnx with it",
+            got=f"normals=off, normals_model={model}",
+        )
 
 
 @dataclass(frozen=True, slots=True)

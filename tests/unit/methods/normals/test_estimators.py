@@ -191,6 +191,8 @@ def test_the_body_fit_takes_a_network_of_its_own(places, save_network):
     for wrong in ({"body.normals": "onnx"}, {"body.normals_model": "second"}):
         with pytest.raises(HarnessError, match="do not go together"):
             jmbo8.configured(wrong)
+    with pytest.raises(HarnessError, match="not used where 'normals' is 'off'"):
+        jmbo8.configured({"body.normals": "off", "body.normals_model": "second"})
 
 
 def test_a_request_without_its_network_ends_before_any_work(places):

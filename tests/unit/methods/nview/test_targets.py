@@ -109,6 +109,7 @@ def test_too_many_views_are_refused(ball, ring, views_of):
         ({"body": "maybe"}, "on or off"),
         ({"normals": "body", "body": "off"}, "where setting 'body' is 'off'"),
         ({"normals": "onnx"}, "normals_model"),
+        ({"normals": "off", "normals_model": "mine"}, "not used where 'normals' is 'off'"),
         ({"voxel": "0.006"}, "Did you mean 'voxel_m'"),
     ],
 )
