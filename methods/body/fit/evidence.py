@@ -64,12 +64,25 @@ class Evidence:
         return length(seen - self.pixels)
 
     def space_error(self, points: Tensor) -> Tensor:
-        """(N, K) metres between landmarks (N, K, 3) and the detector's own, hips on hips."""
+        """(N, K) metres between landmarks (N, K, 3) and the detector's own, hips on hips.
+
+        Where the views do not tell how far away the subject is, the detector's landmarks are made
+        as large as these first: its metres are a mean person's, and would pass for a measurement.
+        """
         import torch
 
         turned = torch.stack([p.turn(one) for p, one in zip(self.projectors, points, strict=True)])
-        middle = turned[:, self._hips].mean(1, keepdim=True)
-        return length(turned - middle - self.points_camera)
+        about_hips = turned - turned[:, self._hips].mean(1, keepdim=True)
+        if self.depth_is_known:
+            return length(about_hips - self.points_camera)
+        return length(about_hips - self._as_large_as(about_hips) * self.points_camera)
+
+    def _as_large_as(self, about_hips: Tensor) -> Tensor:
+        """(N, 1, 1) what the detector's landmarks are multiplied by to fit others (N, K, 3)."""
+        weights = self.confidence[..., None]
+        own = (weights * self.points_camera**2).sum((1, 2), keepdim=True)
+        both = (weights * self.points_camera * about_hips).sum((1, 2), keepdim=True)
+        return (both / own).detach()
 
 
 def length(vectors: Tensor) -> Tensor:

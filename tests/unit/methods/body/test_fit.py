@@ -85,6 +85,23 @@ def test_one_view_of_a_reaching_body_centres_its_box_and_not_its_root(anny, make
 
 
 @pytest.mark.slow
+def test_a_detectors_metres_do_not_say_how_far_away_one_views_body_is(anny, make_views):
+    """They are a mean person's, whoever is seen: shorter limbs in space are no nearer body."""
+    seen = make_views(make_views.ring(8)[:1])
+    (view,) = seen.views
+    alone = (replace(view, place=replace(view.place, depth_is_known=False)),)
+    depths_m = []
+    for size in (1.0, 0.8):
+        points = size * seen.detections.points_camera
+        found = fit_each_view(anny.sparse(), alone, replace(seen.detections, points_camera=points))
+        with torch.no_grad():
+            middle = box_middle(anny.posed(found).vertices)[0].double().numpy()
+        depths_m.append(view.camera.forward @ middle)
+    assert depths_m[1] == pytest.approx(depths_m[0], abs=1e-3)
+    assert depths_m[0] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.slow
 def test_joint_optimisation_of_one_view_does_not_walk_away(anny, person, make_views):
     """Its mask and landmarks fit at many distances; a start that is off by 20 cm must come back."""
     camera = make_views.ring(8)[1]
