@@ -35,7 +35,7 @@ from methods.body.smplx_offsets import offsets_part
 from methods.body.stored_fit import packed, unpacked
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO, JMBO_PLUS
-from methods.normals import NormalChoice, check_no_network
+from methods.normals import NormalChoice
 from methods.publications.deviations import (
     BODY_AVERAGE,
     BODY_FRONT,
@@ -69,11 +69,8 @@ class BodyFit:
         self.settings = settings
         self.views = views
         self._name, self._title, self._published = name, title, published
-        # Settings that do not go together are refused before anything runs.
-        if settings.normals == "off":
-            check_no_network(settings.normals_model)
-        else:
-            _ = _normal_choice(settings)
+        # Refuses settings that do not go together before anything runs.
+        _ = NormalChoice.unless_off(settings.normals, settings.normals_model)
 
     @functools.cached_property
     def info(self) -> MethodInfo:

@@ -1,6 +1,6 @@
 """Clothed normal maps of a view: its working picture, the body behind it, its estimators."""
 
-from methods.normals.estimators import NormalChoice, check_no_network
+from methods.normals.estimators import NormalChoice
 from methods.normals.view_maps import ViewMaps, view_maps
 from methods.normals.working_view import WorkingView, working_view
 
@@ -8,7 +8,6 @@ __all__ = [
     "NormalChoice",
     "ViewMaps",
     "WorkingView",
-    "check_no_network",
     "view_maps",
     "working_view",
 ]

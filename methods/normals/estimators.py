@@ -21,7 +21,7 @@ from methods.normals import installed
 from methods.normals.econ.estimator import econ_normals, econ_part
 from methods.normals.onnx_estimator import OnnxNormals
 
-__all__ = ["BodyNormals", "NormalChoice", "ScanNormals", "check_no_network"]
+__all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
 
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
@@ -68,20 +68,6 @@ class ScanNormals:
         return EstimatedNormals(self._oracle(self._camera), self._oracle(self._camera, side="far"))
 
 
-def check_no_network(model: str) -> None:
-    """Accept no network's name; for a method whose setting ``normals`` is ``off``.
-
-    Raises:
-        HarnessError: a network is named, which would never be asked.
-    """
-    if model:
-        raise HarnessError(
-            "setting 'normals_model' names a network that is not used where 'normals' is 'off'",
-            expected="no 'normals_model', or normals=onnx with it",
-            got=f"normals=off, normals_model={model}",
-        )
-
-
 @dataclass(frozen=True, slots=True)
 class NormalChoice:
     """Which estimator a method runs with; nothing is loaded to say so.
@@ -107,6 +93,23 @@ class NormalChoice:
                 expected="a file or an imported network's name with normals=onnx, and only with it",
                 got=f"normals={self.kind}, normals_model={self.model or 'nothing'}",
             )
+
+    @classmethod
+    def unless_off(cls, kind: str, model: str) -> NormalChoice | None:
+        """The choice, or None for the kind ``off``, which runs no estimator.
+
+        Raises:
+            HarnessError: as ``NormalChoice``, or a network is named that would never be asked.
+        """
+        if kind != "off":
+            return cls(kind, model)
+        if model:
+            raise HarnessError(
+                "setting 'normals_model' names a network that is not used where 'normals' is 'off'",
+                expected="no 'normals_model', or normals=onnx with it",
+                got=f"normals=off, normals_model={model}",
+            )
+        return None
 
     @property
     def privileges(self) -> tuple[Privilege, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from harness.core.errors import HarnessError
 from harness.core.settings import check_choice
-from methods.normals import NormalChoice, check_no_network
+from methods.normals import NormalChoice
 from methods.nview.views import MOST_VIEWS
 
 __all__ = ["FusionSettings"]
@@ -113,15 +113,13 @@ class FusionSettings:
                 "setting 'normals' cannot be 'body' where setting 'body' is 'off'",
                 hint="Use normals=open, or fit the body",
             )
-        if self.normals == "off":
-            check_no_network(self.normals_model)
         # Refuses settings that do not go together before anything runs.
         _ = self.normal_choice
 
     @property
     def normal_choice(self) -> NormalChoice | None:
         """Which estimator runs; None where normals are off."""
-        return None if self.normals == "off" else NormalChoice(self.normals, self.normals_model)
+        return NormalChoice.unless_off(self.normals, self.normals_model)
 
     @property
     def starts_at_body(self) -> bool:
