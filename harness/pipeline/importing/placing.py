@@ -76,7 +76,7 @@ def check_scale(request: ImportRequest, foreign: ForeignCameras) -> float:
         return _number(request.scale, default=1.0)
     if bool(request.height_m) == bool(request.scale):
         raise HarnessError(
-            f"how long a unit of the cameras in {foreign.path} is has to be told"
+            f"the length of a unit of the cameras in {foreign.path} has to be told"
             if not request.scale
             else "--height and --scale say the same thing",
             expected="one of --height 1.72 (metres, as the person stands in the photos), --scale 1 "
