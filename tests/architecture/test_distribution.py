@@ -102,11 +102,6 @@ def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) ->
     ]
     assert set(unexpected) <= {
         f"{WEIGHTS}/PROVENANCE-open-normals.md",
-        f"{WEIGHTS}/PROVENANCE-open-normals2.md",
-        f"{WEIGHTS}/PROVENANCE-open-normals3.md",
-        f"{WEIGHTS}/PROVENANCE-open-normals4.md",
-        f"{WEIGHTS}/PROVENANCE-open-normals5.md",
-        f"{WEIGHTS}/PROVENANCE-open-normals6.md",
         f"{WEIGHTS}/PROVENANCE-open-normals7.md",
         f"{PUBLISHED}/PROVENANCE.md",
     }
