@@ -98,6 +98,9 @@ def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harne
     assert [found[f"gt/{s}"]["status"] for s in ("t1", "t2", "t3")] == ["ok", "failed", "ok"]
     assert "texture" in found["gt/t2"]["reason"]
     assert "material0.jpeg" in found["gt/t2"]["reason"]
+    # Records are passed on: they do not say where the workspace is.
+    assert "scans/model/t2" in found["gt/t2"]["reason"]
+    assert str(world) not in found["gt/t2"]["reason"]
     table = harness("report", "--table", "geometry").stdout
     assert "2/3" in table
 

@@ -52,6 +52,11 @@ class Workspace:
         """Folder of bodies that were made of scans' fits; deleting it loses nothing but time."""
         return self.root / "captures" / ".bodies"
 
+    def within(self, message: str) -> str:
+        """The message, with files below the workspace named from there: records are passed on."""
+        is_everything = self.root == Path(self.root.anchor)
+        return message if is_everything else message.replace(f"{self.root}{os.sep}", "")
+
     @property
     def runs(self) -> Path:
         """Folder of all runs."""

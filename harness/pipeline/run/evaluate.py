@@ -254,6 +254,7 @@ def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
 def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
     assert result.status != "changed"
     capture = cell.files.capture if cell.files else None
+    within = request.source.workspace.within
     return Record(
         key=cell.key,
         method=cell.info,
@@ -264,11 +265,11 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         capture=_stamp(capture) if capture else CaptureStamp(),
         seed=request.seed,
         status=result.status,
-        reason=result.reason,
+        reason=within(result.reason),
         metrics=result.scores.metrics,
         regions=result.scores.regions,
         normal_maps=result.scores.normal_maps,
-        warnings=result.scores.warnings,
+        warnings=tuple(map(within, result.scores.warnings)),
         diagnostics=result.scores.diagnostics,
         stages=result.stages,
         shared_work=result.shared_work,
