@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,8 +55,10 @@ class Workspace:
 
     def within(self, message: str) -> str:
         """The message, with files below the workspace named from there: records are passed on."""
-        is_everything = self.root == Path(self.root.anchor)
-        return message if is_everything else message.replace(f"{self.root}{os.sep}", "")
+        if self.root == Path(self.root.anchor):
+            return message
+        # Only where a path begins: another path may have the same folders further down.
+        return re.sub(rf"(?<![\w./~-]){re.escape(str(self.root))}/", "", message)
 
     @property
     def runs(self) -> Path:

@@ -16,6 +16,8 @@ from harness.pipeline.inputs.workspace import Workspace
         ("{root}/a.ply and {root}/b.ply", "a.ply and b.ply"),
         ("/scans/a.obj has no faces", "/scans/a.obj has no faces"),
         ("{root}s/a.obj has no faces", "{root}s/a.obj has no faces"),
+        ("/copy{root}/a.obj has no faces", "/copy{root}/a.obj has no faces"),
+        ('"{root}/a.obj" has no faces', '"a.obj" has no faces'),
     ],
 )
 def test_files_of_the_workspace_are_named_from_there(message, told, tmp_path):
