@@ -1,13 +1,23 @@
-"""Another interpreter than the one that runs the tests: numpy in it, and nothing of ours."""
+"""Photos of a ball, a method's folder, and an interpreter with numpy and nothing of ours."""
 
 from __future__ import annotations
 
+import contextlib
 import venv
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from harness.core.artifacts import Capture, image_name
+from harness.core.cameras.rigs import RingRig
+from harness.core.protocols import Context
+from harness.geometry.images import save_png
+from harness.geometry.raycast import Raycaster
+from tests.spheres import icosphere
+from tests.unit.methods.foreign.toys import MIDDLE, RADIUS, TOY
 
 
 def made_interpreter(folder: Path) -> Path:
@@ -32,3 +42,32 @@ def other_python(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def make_interpreter() -> Callable[[Path], Path]:
     """``make_interpreter(folder)``: one of its own."""
     return made_interpreter
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Capture:
+    """Eight small photos of the ball."""
+    folder = tmp_path_factory.mktemp("capture")
+    cameras = RingRig().cameras(90, 160)
+    ball = icosphere(RADIUS)
+    caster = Raycaster(replace(ball, vertices=ball.vertices + MIDDLE))
+    for view, camera in enumerate(cameras):
+        alpha = np.round(255 * caster.coverage(camera)).astype(np.uint8)
+        picture = np.dstack([np.full((*alpha.shape, 3), 200, np.uint8), alpha])
+        save_png(folder / image_name(view), picture)
+    return Capture("toy", "s", "r", "k", folder, cameras)
+
+
+@pytest.fixture
+def context(tmp_path) -> Context:
+    return Context(
+        7, tmp_path / "work", lambda _: contextlib.nullcontext(), {"subject_centre": np.arange(3.0)}
+    )
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    place = tmp_path / "method"
+    place.mkdir()
+    (place / "run.py").write_text(TOY)
+    return place

@@ -3,91 +3,25 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import importlib.util
 import json
 import os
 import shutil
-import subprocess
 import sys
-import textwrap
-import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.rigs import RingRig
-from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
+from harness.core.errors import HarnessError
 from harness.core.files.hashing import file_sha256
-from harness.core.privileges import Privilege
 from harness.core.protocols import Configurable, Context, Method
-from harness.geometry.images import save_png
-from harness.geometry.raycast import Raycaster
 from methods.foreign.command_method import CommandMethod
-from methods.foreign.method_file import METHOD_FILE, read_method
-from tests.spheres import icosphere
+from methods.foreign.method_file import METHOD_FILE
+from tests.unit.methods.foreign.toys import MIDDLE, RADIUS, described
 
 EXAMPLE = Path(__file__).parents[4] / "examples" / "voxel_carving"
-RADIUS = 0.3
-MIDDLE = np.array([0.1, 0.25, -0.05])
-
-#: One triangle, and what it saw, as text.
-TOY = """\
-import json, os, pathlib, sys
-photos, mesh = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
-found = sorted(str(path.relative_to(photos)) for path in photos.rglob("*") if path.is_file())
-print("@saw", json.dumps({"files": found, "more": sys.argv[3:],
-                          "request": json.loads((photos / "request.json").read_text())}))
-mesh.write_text("ply\\nformat ascii 1.0\\nelement vertex 3\\nproperty float x\\nproperty float y\\n"
-                "property float z\\nelement face 1\\nproperty list uchar int vertex_indices\\n"
-                "end_header\\n0 0 0\\n1 0 0\\n0 2 3\\n3 0 1 2\\n")
-"""
-DESCRIPTION = """\
-name = "toy"
-title = "A triangle"
-licence = "MIT"
-command = ["{python}", "run.py", "{photos}", "{mesh}"]
-privileges = ["known_cameras", "exact_masks"]
-"""
-
-
-@pytest.fixture(scope="module")
-def capture(tmp_path_factory) -> Capture:
-    """A ball, somewhat off the middle, so that no frame can be mistaken for another."""
-    folder = tmp_path_factory.mktemp("capture")
-    cameras = RingRig().cameras(90, 160)
-    ball = icosphere(RADIUS)
-    caster = Raycaster(replace(ball, vertices=ball.vertices + MIDDLE))
-    for view, camera in enumerate(cameras):
-        alpha = np.round(255 * caster.coverage(camera)).astype(np.uint8)
-        picture = np.dstack([np.full((*alpha.shape, 3), 200, np.uint8), alpha])
-        save_png(folder / image_name(view), picture)
-    return Capture("toy", "s", "r", "k", folder, cameras)
-
-
-@pytest.fixture
-def context(tmp_path) -> Context:
-    return Context(
-        7, tmp_path / "work", lambda _: contextlib.nullcontext(), {"subject_centre": np.arange(3.0)}
-    )
-
-
-@pytest.fixture
-def folder(tmp_path) -> Path:
-    place = tmp_path / "method"
-    place.mkdir()
-    (place / "run.py").write_text(TOY)
-    return place
-
-
-def described(folder: Path, *lines: str, without: str = "nothing at all") -> CommandMethod:
-    kept = [line for line in DESCRIPTION.splitlines() if not line.startswith(without)]
-    (folder / METHOD_FILE).write_text("\n".join([*kept, *lines]) + "\n")
-    return CommandMethod.at(folder)
 
 
 def seen(capsys) -> dict:
@@ -295,148 +229,3 @@ def test_containers_and_conda_environments(
         assert f"--volume {exchange}/answer:{exchange}/answer --workdir {folder}" in called
     else:
         assert called.startswith("run --no-capture-output --name toy-env python run.py")
-
-
-@pytest.mark.parametrize(
-    ("lines", "said"),
-    [
-        (['image = "x"'], "no engine is installed"),
-        (['conda = "x"'], "conda is not installed"),
-        (['python = "gone/python"'], "interpreter of method 'toy' is not there"),
-    ],
-)
-def test_what_is_missing_is_said(lines, said, folder, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("CONDA_EXE", raising=False)
-    with pytest.raises(MissingPart, match=said):
-        _ = described(folder, *lines).info
-
-
-def test_an_interpreter_that_does_not_run_is_said(folder):
-    (folder / "python").write_text("#!/bin/sh\necho no such library >&2\nexit 3\n")
-    (folder / "python").chmod(0o755)
-    with pytest.raises(MissingPart, match="does not run.*no such library"):
-        _ = described(folder, 'python = "python"').info
-
-
-@pytest.mark.parametrize(
-    ("program", "said"),
-    [
-        ("print('of the network'); raise SystemExit(3)", "exit status 3(.|\n)*of the network"),
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "exit status 139"),
-        ("pass", "wrote no mesh"),
-        ("import sys, os; os.symlink('/etc/passwd', sys.argv[2])", "wrote no mesh"),
-        ("import sys; open(sys.argv[2], 'w').write('ply or so')", "cannot be used"),
-    ],
-)
-def test_failures_are_the_methods_own(program, said, folder, capture, context):
-    (folder / "run.py").write_text(program)
-    with pytest.raises(MethodError, match=said):
-        described(folder).reconstruct(capture, context)
-
-
-def test_views_that_are_not_there_are_refused(folder, capture, context):
-    with pytest.raises(MethodError, match="takes view 9"):
-        described(folder, "views = [9]").reconstruct(capture, context)
-    shutil.rmtree(context.workdir)
-    with pytest.raises(MethodError, match="takes 9 photos"):
-        described(folder, "view_count = 9").reconstruct(capture, context)
-
-
-#: Two processes that would stay: a child, and one in a session of its own.
-STAYS = """\
-import os, pathlib, subprocess, sys, time
-sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
-child = subprocess.Popen(sleep)
-away = subprocess.Popen(sleep, start_new_session=True)
-pathlib.Path({mark!r}).write_text(" ".join(map(str, (os.getpid(), child.pid, away.pid))))
-{after}
-"""
-
-
-def test_nothing_stays_behind_a_command_that_ended(folder, capture, context, tmp_path):
-    mark = tmp_path / "alive"
-    (folder / "run.py").write_text(STAYS.format(mark=str(mark), after=""))
-    with pytest.raises(MethodError, match="wrote no mesh"):
-        described(folder).reconstruct(capture, context)
-    assert not [pid for pid in map(int, mark.read_text().split()) if _runs(pid)]
-
-
-def test_nothing_stays_when_the_process_that_asked_is_killed(folder, capture, tmp_path):
-    mark = tmp_path / "alive"
-    (folder / "run.py").write_text(STAYS.format(mark=str(mark), after="time.sleep(60)"))
-    described(folder)
-    program = textwrap.dedent(
-        f"""
-        import os
-        from pathlib import Path
-        from methods.foreign.running import run_guarded
-        run_guarded([{sys.executable!r}, {str(folder / "run.py")!r}], os.environ, Path("/"))
-        """
-    )
-    process = subprocess.Popen([sys.executable, "-c", program])
-    try:
-        _until(lambda: mark.exists() and len(mark.read_text().split()) == 3)
-        process.kill()
-        process.wait()
-        pids = [int(text) for text in mark.read_text().split()]
-        _until(lambda: not any(map(_runs, pids)))
-    finally:
-        process.kill()
-        process.wait()
-
-
-def _until(happens) -> None:
-    end = time.monotonic() + 30
-    while not happens():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-COMMAND = 'command = ["{python}", "run.py", "{photos}", "{mesh}"]'
-WRONG = {
-    "is not TOML": ("name", "name = "),
-    "no name": ("name", ""),
-    "an unknown 'colour'": ("-", 'colour = "red"'),
-    "'title' .* is not a text": ("title", "title = 3"),
-    "'command' .* is not a list of texts": ("command", 'command = "run"'),
-    "'toy method' cannot be a name": ("name", 'name = "toy method"'),
-    "one of python, conda and image": ("-", 'python = "a"\nimage = "b"'),
-    "views or view_count, not both": ("-", "views = [0]\nview_count = 1"),
-    "views must be distinct": ("-", "views = [0, 0]"),
-    "view_count must be at least 1": ("-", "view_count = 0"),
-    "list of whole numbers": ("-", "views = 3"),
-    "has an unknown one.*known_cameras": ("privileges", 'privileges = ["cameras"]'),
-    "cannot be given ground_truth_mesh": ("privileges", 'privileges = ["ground_truth_mesh"]'),
-    "unknown words {request}": ("command", COMMAND.replace('"]', '", "{request}"]')),
-    "does not take {mesh}": ("command", COMMAND.replace("{mesh}", "m")),
-    "there is no seed": ("command", COMMAND.replace('"]', '", "{seed}"]\ndeterministic = true')),
-    "neither true nor false": ("-", "deterministic = 1"),
-    "mesh must be a file name": ("-", 'mesh = "../m.ply"'),
-    "ends in .ply .obj": ("-", 'mesh = "m.vtk"'),
-    "up must be": ("-", 'up = "y"'),
-    "settings by room": ("-", "[settings]\nvoxel_m = 0.1"),
-    "not settings by room": ("-", "[settings.a]\nvoxel_m = [0.1]"),
-}
-
-
-@pytest.mark.parametrize("complaint", WRONG)
-def test_descriptions_that_are_wrong_are_refused(complaint, folder):
-    without, line = WRONG[complaint]
-    with pytest.raises(DataError, match=complaint):
-        described(folder, line, without=without)
-
-
-def test_only_a_method_file_is_read(tmp_path):
-    with pytest.raises(DataError, match="no readable file"):
-        read_method(tmp_path)
-    with pytest.raises(DataError, match="a file method.toml"):
-        read_method(tmp_path / "other.toml")
-    assert read_method(EXAMPLE).privileges == (Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS)

@@ -1,0 +1,55 @@
+"""Descriptions of methods that are a command: which are read, and what is wrong with others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.core.errors import DataError
+from harness.core.privileges import Privilege
+from methods.foreign.method_file import read_method
+from tests.unit.methods.foreign.toys import described
+
+EXAMPLE = Path(__file__).parents[4] / "examples" / "voxel_carving"
+
+COMMAND = 'command = ["{python}", "run.py", "{photos}", "{mesh}"]'
+WRONG = {
+    "is not TOML": ("name", "name = "),
+    "no name": ("name", ""),
+    "an unknown 'colour'": ("-", 'colour = "red"'),
+    "'title' .* is not a text": ("title", "title = 3"),
+    "'command' .* is not a list of texts": ("command", 'command = "run"'),
+    "'toy method' cannot be a name": ("name", 'name = "toy method"'),
+    "one of python, conda and image": ("-", 'python = "a"\nimage = "b"'),
+    "views or view_count, not both": ("-", "views = [0]\nview_count = 1"),
+    "views must be distinct": ("-", "views = [0, 0]"),
+    "view_count must be at least 1": ("-", "view_count = 0"),
+    "list of whole numbers": ("-", "views = 3"),
+    "has an unknown one.*known_cameras": ("privileges", 'privileges = ["cameras"]'),
+    "cannot be given ground_truth_mesh": ("privileges", 'privileges = ["ground_truth_mesh"]'),
+    "unknown words {request}": ("command", COMMAND.replace('"]', '", "{request}"]')),
+    "does not take {mesh}": ("command", COMMAND.replace("{mesh}", "m")),
+    "there is no seed": ("command", COMMAND.replace('"]', '", "{seed}"]\ndeterministic = true')),
+    "neither true nor false": ("-", "deterministic = 1"),
+    "mesh must be a file name": ("-", 'mesh = "../m.ply"'),
+    "ends in .ply .obj": ("-", 'mesh = "m.vtk"'),
+    "up must be": ("-", 'up = "y"'),
+    "settings by room": ("-", "[settings]\nvoxel_m = 0.1"),
+    "not settings by room": ("-", "[settings.a]\nvoxel_m = [0.1]"),
+}
+
+
+@pytest.mark.parametrize("complaint", WRONG)
+def test_descriptions_that_are_wrong_are_refused(complaint, folder):
+    without, line = WRONG[complaint]
+    with pytest.raises(DataError, match=complaint):
+        described(folder, line, without=without)
+
+
+def test_only_a_method_file_is_read(tmp_path):
+    with pytest.raises(DataError, match="no readable file"):
+        read_method(tmp_path)
+    with pytest.raises(DataError, match="a file method.toml"):
+        read_method(tmp_path / "other.toml")
+    assert read_method(EXAMPLE).privileges == (Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS)
