@@ -1,15 +1,17 @@
 """What datasets, splits, recipes, protocols, subjects, methods and runs may be called.
 
 Names become folders. There is one rule, and all code that makes a path from a name applies it.
+What is passed on names files without the folders of the machine that they lie on.
 """
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 from harness.core.errors import HarnessError
 
-__all__ = ["NAME_RULE", "checked_name", "is_name"]
+__all__ = ["NAME_RULE", "checked_name", "is_name", "named_from"]
 
 _MOST_LETTERS = 64
 _NAME = re.compile(rf"(?!.*\.\.)[A-Za-z0-9_][A-Za-z0-9_.+-]{{0,{_MOST_LETTERS - 1}}}")
@@ -41,3 +43,11 @@ def checked_name(kind: str, text: str) -> str:
             f"{text[:_MOST_LETTERS]!r} cannot be the name of a {kind}", expected=NAME_RULE
         )
     return text
+
+
+def named_from(message: str, folder: Path) -> str:
+    """The message, with files below an absolute folder named from there."""
+    if not folder.is_absolute() or folder == Path(folder.anchor):
+        return message
+    # Only where a path begins: another path may have the same folders further down.
+    return re.sub(rf"(?<![\w./~-]){re.escape(str(folder))}/", "", message)

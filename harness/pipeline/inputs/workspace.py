@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.core.files.names import checked_name
+from harness.core.files.names import checked_name, named_from
 
 __all__ = ["Workspace"]
 
@@ -55,10 +54,7 @@ class Workspace:
 
     def within(self, message: str) -> str:
         """The message, with files below the workspace named from there: records are passed on."""
-        if self.root == Path(self.root.anchor):
-            return message
-        # Only where a path begins: another path may have the same folders further down.
-        return re.sub(rf"(?<![\w./~-]){re.escape(str(self.root))}/", "", message)
+        return named_from(message, self.root)
 
     @property
     def runs(self) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.hashing import file_sha256
-from harness.core.files.names import checked_name
+from harness.core.files.names import checked_name, named_from
 from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
@@ -63,6 +63,12 @@ class FolderRequest:
     truth: ScanSet
     protocol: MetricProtocol
     store: RunStore
+
+    def told(self, message: str) -> str:
+        """The message, with meshes and scans named from their own folders, as a record has it."""
+        for folder in (self.folder, self.truth.root):
+            message = named_from(message, folder.parent)
+        return message
 
 
 def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
@@ -144,10 +150,10 @@ def _score_subject(
         capture=CaptureStamp(),
         seed=request.protocol.seed,
         status=found.status,
-        reason=found.reason,
+        reason=request.told(found.reason),
         metrics=found.scores.metrics,
         regions=found.scores.regions,
-        warnings=found.scores.warnings,
+        warnings=tuple(map(request.told, found.scores.warnings)),
         diagnostics=found.scores.diagnostics,
         environment=environment(),
         created_utc=utc_now(),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from harness.cli.options import split_names
 from harness.core.errors import HarnessError
-from harness.core.files.names import checked_name, is_name
+from harness.core.files.names import checked_name, is_name, named_from
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.store import RunStore
 
@@ -65,3 +65,25 @@ def test_lists_on_the_command_line_are_names():
     for text in ("../a", "a01,../../b", "../a1..../a2", "t0000001..t9999999"):
         with pytest.raises(HarnessError, match="cannot be the name of a method or subject"):
             split_names(text)
+
+
+@pytest.mark.parametrize(
+    ("message", "told"),
+    [
+        ("mesh is twice {root}/data/toy/a.obj", "mesh is twice data/toy/a.obj"),
+        ("{root}/a.ply and {root}/b.ply", "a.ply and b.ply"),
+        ("/scans/a.obj has no faces", "/scans/a.obj has no faces"),
+        ("{root}s/a.obj has no faces", "{root}s/a.obj has no faces"),
+        ("/copy{root}/a.obj has no faces", "/copy{root}/a.obj has no faces"),
+        ('"{root}/a.obj" has no faces', '"a.obj" has no faces'),
+    ],
+)
+def test_files_below_a_folder_are_named_from_there(message, told, tmp_path):
+    assert named_from(message.format(root=tmp_path), tmp_path) == told.format(root=tmp_path)
+
+
+@pytest.mark.parametrize("folder", ["/", ".", "mine"])
+def test_neither_the_whole_disk_nor_a_relative_folder_changes_a_message(folder):
+    assert named_from("./a.obj, mine/a.obj and /a.obj", Path(folder)) == (
+        "./a.obj, mine/a.obj and /a.obj"
+    )

@@ -13,6 +13,7 @@ from harness.core.errors import DataError
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
+from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
 from harness.pipeline.inputs.scan_set import ScanSet
@@ -83,12 +84,10 @@ def test_a_pair_of_files_is_refused(tmp_path, name):
     assert MISTAKES[name][2] in str(refusal.value)
 
 
-def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
-    subjects = [f"t{index}" for index in range(1, 5)]
-    folder = tmp_path / "mine"
-    for subject, mesh in zip(subjects, (person(), *map(misplaced, MISTAKES)), strict=True):
+def scored_folder(tmp_path, subjects) -> list[Record]:
+    """Records of the meshes in ``mine``, measured against the person under each subject's name."""
+    for subject in subjects:
         write_scan(tmp_path / "scans" / "model" / subject)
-        save_mesh(folder / f"{subject}.ply", mesh)
     dataset = Dataset.model_validate(
         {
             "title": "Toy",
@@ -101,14 +100,30 @@ def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
         }
     )
     request = FolderRequest(
-        folder=folder,
+        folder=tmp_path / "mine",
         name="mine",
         title="Mine",
         truth=ScanSet("toy", dataset, tmp_path / "scans", tuple(subjects)),
         protocol=PROTOCOL,
         store=RunStore(tmp_path / "runs"),
     )
-    records = [outcome.record for outcome in score_folder(request, Silent())]
+    return [outcome.record for outcome in score_folder(request, Silent())]
+
+
+def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
+    subjects = [f"t{index}" for index in range(1, 5)]
+    for subject, mesh in zip(subjects, (person(), *map(misplaced, MISTAKES)), strict=True):
+        save_mesh(tmp_path / "mine" / f"{subject}.ply", mesh)
+    records = scored_folder(tmp_path, subjects)
     assert [record.status for record in records] == ["ok", "failed", "failed", "failed"]
     for record, (_, _, word) in zip(records[1:], MISTAKES.values(), strict=True):
         assert word in record.reason
+
+
+def test_records_of_a_folder_name_files_without_the_machines_folders(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "t1.ply").write_text("ply or so")
+    broken, missing = scored_folder(tmp_path, ["t1", "t2"])
+    assert (broken.status, missing.status) == ("failed", "missing")
+    assert broken.reason.startswith("mine/t1.ply")
+    assert missing.reason == "no mesh of t2 in mine"
