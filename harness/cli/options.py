@@ -159,11 +159,11 @@ def limit_s(timeout: float) -> float | None:
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """The names in a comma-separated option; ``t00001..t00020`` stands for twenty of them.
+    """The names in a comma-separated option, each once; ``t00001..t00020`` stands for twenty.
 
     Raises:
         HarnessError: something that is no name.
     """
     names = [name.strip() for name in text.split(",") if name.strip()]
     found = [single for name in names for single in subject_range(name) or (name,)]
-    return tuple(checked_name("method or subject", name) for name in found)
+    return tuple(checked_name("method or subject", name) for name in dict.fromkeys(found))

@@ -130,14 +130,34 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
             for metric in numbers_of(record)
             if known is None or metric not in known.metrics
         ]
-    guarded = {method for method, _ in baseline.entries} | {*baseline.new_methods}
     return Comparison(
-        unlisted=tuple(sorted({record.method_name for record in records} - guarded)),
+        unlisted=_unlisted(records, baseline),
         moved=tuple(findings.moved),
         missing=tuple(findings.missing),
         new=tuple(findings.new),
         unchanged=findings.unchanged,
         changed=tuple(findings.changed),
+    )
+
+
+def _unlisted(records: Sequence[Record], baseline: Baseline) -> tuple[str, ...]:
+    """Methods that nothing of the baseline guards.
+
+    One that had no numbers when the baseline was written is known to have none, and guarded as long
+    as it has none.
+    """
+    without = {method for method, _ in baseline.entries}
+    guarded = {method for (method, _), entry in baseline.entries.items() if entry.metrics}
+    guarded |= {*baseline.new_methods}
+    return tuple(
+        sorted(
+            {
+                record.method_name
+                for record in records
+                if record.method_name not in guarded
+                and (numbers_of(record) or record.method_name not in without)
+            }
+        )
     )
 
 

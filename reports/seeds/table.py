@@ -14,8 +14,14 @@ from statistics import fmean, stdev
 from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from reports.tables.geometry import GEOMETRY_METRICS, metric_column
-from reports.tables.selection import Group, select
-from reports.tables.table import Cell, Column, Row, Table
+from reports.tables.selection import (
+    Group,
+    Selection,
+    check_comparable,
+    check_one_method,
+    select,
+)
+from reports.tables.table import Cell, Column, Row, Table, with_common_means
 
 __all__ = ["seeds_table"]
 
@@ -63,17 +69,18 @@ def seeds_table(
 
     Raises:
         HarnessError: no records, or two for one method, subject and seed.
-        ProtocolMismatch: records that are not comparable.
+        ProtocolMismatch: records that are not comparable, of one seed or of two.
     """
-    selections = [select(run, methods, subjects) for run in _present(runs, methods)]
+    selections = _selections(runs, methods, subjects)
     first = selections[0]
+    check_comparable([each for of in selections for group in of.groups for each in group.ok])
     columns = tuple(column for metric in GEOMETRY_METRICS for column in _columns(metric))
     rows = tuple(
         _row([group for each in selections for group in each.groups if group.method == base.method],
              len(first.subjects))
         for base in first.groups
     )  # fmt: skip
-    return Table(
+    table = Table(
         name="seeds",
         title="Mesh geometry over seeds",
         dataset=first.dataset,
@@ -87,15 +94,22 @@ def seeds_table(
             "subjects' values, each averaged over its seeds",
         ),
     )
+    return with_common_means(table)
 
 
-def _present(runs: Sequence[Sequence[Record]], methods: Sequence[str] | None) -> list[list[Record]]:
-    """The runs with a record of a method that is wanted; later ones lack some methods."""
-    kept = [list(runs[0])]
+def _selections(
+    runs: Sequence[Sequence[Record]],
+    methods: Sequence[str] | None,
+    subjects: Sequence[str] | None,
+) -> list[Selection]:
+    """What is wanted of each run; later ones have the methods that a seed changes alone."""
+    first = select(runs[0], methods, subjects)
+    kept = [first]
     for run in runs[1:]:
-        wanted = [each for each in run if methods is None or each.method_name in methods]
+        present = {record.method_name for record in run}
+        wanted = [group.method for group in first.groups if group.method in present]
         if wanted:
-            kept.append(wanted)
+            kept.append(select(run, wanted, first.subjects))
     return kept
 
 
@@ -120,6 +134,7 @@ def _columns(metric: str) -> tuple[Column, ...]:
 
 def _row(groups: Sequence[Group], of: int) -> Row:
     """One method; subjects without numbers under some seed do not count."""
+    check_one_method([record for group in groups for record in group.ok])
     by_seed = [{record.subject: record for record in group.ok} for group in groups]
     common = [subject for subject in by_seed[0] if all(subject in each for each in by_seed)]
     cells: dict[str, Cell] = {"seeds": Cell(len(groups))}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from harness.core.quality.photo_scores import PhotoScores
 from harness.core.records import Record
@@ -144,7 +144,7 @@ def _row(
         values = {subject: value for subject, value in read.items() if value is not None}
         if values:
             cells[figure.id] = subject_cell(values, interval)
-    return group.row(of, cells)
+    return replace(group.row(of, cells), n=len(found))
 
 
 def _absence_remarks(absent: Mapping[tuple[str, str], str]) -> list[str]:

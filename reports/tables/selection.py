@@ -17,7 +17,7 @@ from harness.core.protocols import MethodInfo
 from harness.core.records import ProtocolStamp, Record
 from reports.tables.table import Cell, Row
 
-__all__ = ["Group", "Selection", "check_comparable", "select"]
+__all__ = ["Group", "Selection", "check_comparable", "check_one_method", "select"]
 
 _SHOWN_SUBJECTS = 8
 _REASON_LENGTH = 120
@@ -108,7 +108,9 @@ def select(
         )
     check_comparable(chosen)
     first = chosen[0]
-    wanted = subjects or sorted({r.subject for r in records if r.dataset == first.dataset})
+    wanted = list(dict.fromkeys(subjects or ())) or sorted(
+        {r.subject for r in records if r.dataset == first.dataset}
+    )
     by_method = {name: _by_subject(chosen, name) for name in order}
     return Selection(
         dataset=first.dataset,
@@ -177,7 +179,7 @@ def _by_subject(records: Iterable[Record], method: str) -> dict[str, Record]:
 
 def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) -> Group:
     ok = tuple(records[s] for s in subjects if s in records and records[s].status == "ok")
-    _check_one_method(ok)
+    check_one_method(ok)
     described = next(iter(ok or records.values()), None)
     method = described.method if described else MethodInfo(name, name)
     given = ", ".join(privilege.label for privilege in method.privileges)
@@ -198,7 +200,12 @@ def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) ->
     )
 
 
-def _check_one_method(ok: Sequence[Record]) -> None:
+def check_one_method(ok: Sequence[Record]) -> None:
+    """Refuse records of one method that were made by two states of it.
+
+    Raises:
+        ProtocolMismatch: other settings or parts; the message names two records.
+    """
     for record in ok[1:]:
         first, other = ok[0].method.identity(), record.method.identity()
         for field in sorted(first):

@@ -49,14 +49,21 @@ def views_table(
     Rows of one method, which differ in settings, stand together. Arguments and errors are those of
     ``geometry_table``.
     """
-    table = geometry_table(
-        records, methods=methods, subjects=subjects, interval=interval, published=published
-    )
     counts = _counts(records)
+    asked = list(dict.fromkeys(methods or (record.method_name for record in records)))
+    # Only rows that are shown say over which subjects they are ranked.
+    table = geometry_table(
+        records,
+        methods=[name for name in asked if name in counts] or asked,
+        subjects=subjects,
+        interval=interval,
+        published=published,
+    )
     known = [row for row in table.rows if row.method in counts]
     families = list(dict.fromkeys(_family(row) for row in known))
     known.sort(key=lambda row: (families.index(_family(row)), counts[row.method]))
-    unknown = [row.title for row in table.rows if row.method not in counts]
+    titles = {record.method_name: record.method.title for record in records}
+    unknown = [titles.get(name, name) for name in asked if name not in counts]
     left_out = [f"How many views were used is not known: {', '.join(unknown)}"] if unknown else []
     return replace(
         table,

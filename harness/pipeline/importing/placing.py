@@ -16,7 +16,13 @@ from harness.data.scans import PLAUSIBLE_HEIGHT_M
 from harness.geometry.place import MEAN_HEIGHT_M
 from harness.pipeline.importing.agreement import Agreement, hull_agreement, other_reading
 from harness.pipeline.importing.facing import stance_of
-from harness.pipeline.importing.request import AUTO, ImportRequest
+from harness.pipeline.importing.request import (
+    AUTO,
+    ORIGINS,
+    POSSIBLE_HEIGHT_M,
+    ImportRequest,
+    check_height,
+)
 from harness.pipeline.importing.taking import TakenView
 from harness.pipeline.importing.world import FileToWorld, parsed_axis, up_of_cameras
 
@@ -32,8 +38,6 @@ _CHECK = (
 )
 #: Views that agree less than this on where the person faces are told.
 _FACING_AGREEMENT = 0.6
-#: Nobody is so small or so high: another unit.
-_POSSIBLE_HEIGHT_M = (0.3, 3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +74,17 @@ def check_scale(request: ImportRequest, foreign: ForeignCameras) -> float:
     """Metres per unit of the file, where that is given; 0 where height or a prior tells.
 
     Raises:
-        HarnessError: nothing tells it, two things do, or a number that is no scale.
+        HarnessError: nothing tells it, two things do, a number that is no scale, or an origin that
+            is not known.
     """
+    if request.origin not in ORIGINS:
+        raise HarnessError(f"--origin {request.origin}", expected=" or ".join(ORIGINS))
     if foreign.in_world:
+        if request.height_m:
+            raise HarnessError(
+                f"--height {request.height_m:g} for cameras that are in metres, {foreign.path}",
+                hint="Leave --height out, or give --scale with metres per unit",
+            )
         return _number(request.scale, default=1.0)
     if bool(request.height_m) == bool(request.scale):
         raise HarnessError(
@@ -84,9 +96,7 @@ def check_scale(request: ImportRequest, foreign: ForeignCameras) -> float:
             hint="Most programs compute cameras in a unit of their own, and nothing is guessed",
         )
     if request.height_m:
-        low, high = _POSSIBLE_HEIGHT_M
-        if not low <= request.height_m <= high:
-            raise HarnessError(f"--height {request.height_m:g}", expected=f"{low} to {high} metres")
+        check_height(request.height_m)
         return 0.0
     return 0.0 if request.scale == AUTO else _number(request.scale, default=1.0)
 
@@ -198,7 +208,7 @@ def _scale(
     assert agreement.bounds is not None
     height = float(agreement.bounds[1, 1] - agreement.bounds[0, 1])
     if given:
-        low, high = _POSSIBLE_HEIGHT_M
+        low, high = POSSIBLE_HEIGHT_M
         if not low <= given * height <= high:
             raise DataError(
                 f"the person would be {given * height:.4g} m high",

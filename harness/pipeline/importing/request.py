@@ -6,12 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from harness.core.errors import HarnessError
 from harness.core.formats.typed_json import from_json, to_json
 
-__all__ = ["AUTO", "ImportRequest", "Imported"]
+__all__ = ["AUTO", "ORIGINS", "POSSIBLE_HEIGHT_M", "ImportRequest", "Imported", "check_height"]
 
 #: What the cameras, the photos or a stated prior decide.
 AUTO = "auto"
+#: Where the origin may go.
+ORIGINS = ("subject", "file")
+#: Nobody is so small or so high: another unit. Metres.
+POSSIBLE_HEIGHT_M = (0.3, 3.0)
+
+
+def check_height(height_m: float) -> None:
+    """Refuse a height, as ``--height`` gave it, that nobody has.
+
+    Raises:
+        HarnessError: it is outside 0.3 to 3 metres.
+    """
+    low, high = POSSIBLE_HEIGHT_M
+    if not low <= height_m <= high:
+        raise HarnessError(f"--height {height_m:g}", expected=f"{low} to {high} metres")
 
 
 @dataclass(frozen=True, slots=True)

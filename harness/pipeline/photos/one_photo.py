@@ -22,13 +22,17 @@ from harness.data.captures.views import ForeignView
 from harness.geometry.window import Window
 from harness.pipeline.importing.facing import stance_of
 from harness.pipeline.importing.matching import MatchedPhoto
-from harness.pipeline.importing.request import Imported
+from harness.pipeline.importing.request import Imported, check_height
 from harness.pipeline.importing.taking import TakenView, take_photos
 
-__all__ = ["OnePhotoRequest", "import_one_photo"]
+__all__ = ["ASSUMED_HEIGHT_M", "OnePhotoRequest", "assumes_camera", "import_one_photo"]
+
+#: How high a person is taken to be where nothing tells it.
+ASSUMED_HEIGHT_M = 1.7
 
 _UP = np.array([0.0, 1.0, 0.0])
 _FIELDS_DEG = (5.0, 150.0)
+_ASSUMED = "assumed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,7 @@ class OnePhotoRequest:
         dataset: Its dataset.
         subject: Its name there.
         recipe: Its recipe.
-        field_deg: Field of view along the longer side, degrees; 0 takes it from the file if it
+        field_deg: Field of view along the longer side, degrees; None takes it from the file if it
             tells, else ``assumed_deg``.
         assumed_deg: Field of view that is taken where nothing tells it.
         height_m: How high the person is as they stand in the photo, metres.
@@ -55,9 +59,9 @@ class OnePhotoRequest:
     subject: str
     recipe: str
     mask: str = ""
-    field_deg: float = 0.0
+    field_deg: float | None = None
     assumed_deg: float = 50.0
-    height_m: float = 1.7
+    height_m: float = ASSUMED_HEIGHT_M
     longest_px: int = 1920
 
     def to_dict(self) -> dict[str, object]:
@@ -78,9 +82,10 @@ def import_one_photo(request: OnePhotoRequest) -> Imported:
 
     Raises:
         DataError: the photo cannot be read, or shows no person.
-        HarnessError: a field of view that no photo has.
+        HarnessError: a field of view that no photo has, or a height that nobody has.
         MissingPart: MediaPipe is not installed.
     """
+    check_height(request.height_m)
     path = Path(request.photo)
     facts = picture_facts(path)
     field_deg, source = _field(request, facts.field_deg)
@@ -107,6 +112,12 @@ def import_one_photo(request: OnePhotoRequest) -> Imported:
     return Imported(str(directory), 1, notes, warnings)
 
 
+def assumes_camera(capture: Capture) -> bool:
+    """Whether an imported capture is one photo, whose camera was assumed."""
+    imported = capture.provenance.get("imported")
+    return isinstance(imported, Mapping) and imported.get("cameras") == _ASSUMED
+
+
 def _as_shown(camera: Camera, quarters: int) -> np.ndarray:
     """(3,) the direction that is up once the picture is turned as its file says."""
     axes = (-camera.rotation[1], camera.rotation[0], camera.rotation[1], -camera.rotation[0])
@@ -115,7 +126,7 @@ def _as_shown(camera: Camera, quarters: int) -> np.ndarray:
 
 def _field(request: OnePhotoRequest, told_deg: float) -> tuple[float, str]:
     low, high = _FIELDS_DEG
-    if request.field_deg:
+    if request.field_deg is not None:
         if not low <= request.field_deg <= high:
             raise HarnessError(f"--fov {request.field_deg:g}", expected=f"{low:g} to {high:g}")
         return request.field_deg, "as given"
@@ -180,7 +191,7 @@ def _capture(
         cameras=(camera,),
         provenance={
             "imported": {
-                "cameras": "assumed",
+                "cameras": _ASSUMED,
                 "views": [view.to_dict()],
                 "world": {"notes": list(notes)},
             },

@@ -16,12 +16,13 @@ from harness.pipeline.inputs.imported import (
     CAPTURES,
     IMPORTED,
     imported_capture,
+    imported_state,
     imported_subjects,
     name_for,
 )
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.photos.one_photo import OnePhotoRequest
+from harness.pipeline.photos.one_photo import ASSUMED_HEIGHT_M, OnePhotoRequest, assumes_camera
 from harness.pipeline.photos.results import WrittenResult, write_result
 from harness.pipeline.progress import Progress
 from harness.pipeline.run.chosen_method import ChosenMethod
@@ -48,15 +49,21 @@ class Assumptions:
     """What is taken for granted of a photo without a camera.
 
     Attributes:
-        field_deg: Field of view along the longer side, degrees; 0 takes it from the photo's file,
-            or the default.
-        height_m: How high the person is in the photo, metres.
+        field_deg: Field of view along the longer side, degrees; None takes it from the photo's
+            file, or the default.
+        height_m: How high the person is in the photo, metres; None is 1.7.
         mask: The photo's mask; None takes alpha, or makes one.
     """
 
-    field_deg: float = 0.0
-    height_m: float = 1.7
+    field_deg: float | None = None
+    height_m: float | None = None
     mask: Path | None = None
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The options that gave one."""
+        given = {"--fov": self.field_deg, "--height": self.height_m, "--mask": self.mask}
+        return tuple(name for name, value in given.items() if value is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,8 +136,8 @@ def reconstruct(request: ReconstructRequest, progress: Progress) -> Reconstructe
     Results that are there and current are kept, as in ``harness eval``.
 
     Raises:
-        HarnessError: no such capture, or a photo that cannot be used; what goes wrong with one
-            method is its outcome instead.
+        HarnessError: no such capture, a photo that cannot be used, or assumptions of what is known;
+            what goes wrong with one method is its outcome instead.
     """
     _require_dataset(request.manifest)
     name, imported = _capture_of(request, progress)
@@ -151,9 +158,11 @@ def reconstruct(request: ReconstructRequest, progress: Progress) -> Reconstructe
     )
     outcomes: list[MethodOutcome] = []
     folder = request.output or Path(name)
-    for record in summary.records:
-        if record.status != "ok":
-            outcomes.append(MethodOutcome(record.method_name, record.reason))
+    for outcome in summary.outcomes:
+        record = outcome.record
+        if outcome.status != "ok":
+            # A good record that was kept is of other photos, or of other code.
+            outcomes.append(MethodOutcome(record.method_name, outcome.kept or record.reason))
             continue
         target = folder.resolve() / record.method_name
         outcomes.append(
@@ -177,10 +186,22 @@ def _capture_of(request: ReconstructRequest, progress: Progress) -> tuple[str, I
     path = Path(request.what)
     if path.is_file():
         return _photo(request, path)
+    if request.assumed.options:
+        raise HarnessError(
+            f"{' and '.join(request.assumed.options)} for '{request.what}', which is no photo",
+            expected="one photo, of which nothing else tells it",
+            hint="Cameras, size and masks of a capture are told at its import: harness capture "
+            "import --help",
+        )
     if (path / "capture.json").is_file():
         return _folder(request, path, progress)
     known = imported_subjects(request.workspace)
     if request.what in known:
+        if request.name:
+            raise HarnessError(
+                f"--name {request.name} for '{request.what}', which has its name",
+                expected="a name for one photo, or for a folder with a capture.json",
+            )
         return request.what, None
     if path.is_dir():
         raise HarnessError(
@@ -198,6 +219,7 @@ def _photo(request: ReconstructRequest, path: Path) -> tuple[str, Imported]:
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise DataError(f"{path} is no photo", expected=", ".join(PICTURE_SUFFIXES))
     name, assumed = request.name or name_for(path), request.assumed
+    _keep_other_photos(request.workspace, name)
     job = OnePhotoRequest(
         photo=str(path.resolve()),
         mask="" if assumed.mask is None else str(assumed.mask.resolve()),
@@ -206,10 +228,20 @@ def _photo(request: ReconstructRequest, path: Path) -> tuple[str, Imported]:
         subject=name,
         recipe=IMPORTED,
         field_deg=assumed.field_deg,
-        height_m=assumed.height_m,
+        height_m=ASSUMED_HEIGHT_M if assumed.height_m is None else assumed.height_m,
     )
     answer = run_worker(_PHOTO_WORKER, job.to_dict(), timeout_s=request.timeout_s)
     return name, Imported.from_dict(answer)
+
+
+def _keep_other_photos(workspace: Workspace, name: str) -> None:
+    """Refuse to replace photos with cameras of their own by one photo that has their name."""
+    directory = workspace.capture(CAPTURES, name, IMPORTED)
+    if imported_state(directory)[0] == "cached" and not assumes_camera(Capture.load(directory)):
+        raise HarnessError(
+            f"imported photos with cameras are called '{name}', and one photo would replace them",
+            hint="Give the capture of this photo another --name",
+        )
 
 
 def _folder(

@@ -189,6 +189,12 @@ def every_table(
 def _table(
     records: Sequence[Record], request: ReportRequest, before: Sequence[Record] | None = None
 ) -> Table:
+    if before is not None and request.table != PAIRED_TABLE:
+        raise HarnessError(
+            "--before compares records in the paired table",
+            got=f"--table {request.table}",
+            hint=f"Use --table {PAIRED_TABLE}",
+        )
     if request.table not in TABLES:
         hint = did_you_mean(
             request.table, [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, PUBLISHED_TABLE]
@@ -202,12 +208,6 @@ def _table(
         )
     make = TABLES[request.table]
     if before is not None:
-        if request.table != PAIRED_TABLE:
-            raise HarnessError(
-                "--before compares records in the paired table",
-                got=f"--table {request.table}",
-                hint=f"Use --table {PAIRED_TABLE}",
-            )
         make = functools.partial(change_table, before=before)
     return make(
         records,

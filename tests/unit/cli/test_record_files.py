@@ -85,6 +85,7 @@ def test_a_run_is_compared_with_itself_before(place: Path) -> None:
     ("options", "message"),
     [
         (["--table", "geometry"], "--before compares records in the paired table"),
+        (["--table", "photos"], "--before compares records in the paired table"),
         (["--table", "paired", "--paired"], "--paired shows differences of the published results"),
         (["--table", "paired", "--figure", "overlay"], "--before cannot be combined with --figure"),
         (["--table", "paired", "--page", "out"], "--before cannot be combined with --page"),

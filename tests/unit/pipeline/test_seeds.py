@@ -8,7 +8,7 @@ from statistics import stdev
 
 import pytest
 
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.core.results import MetricValue
@@ -137,6 +137,26 @@ def test_the_spread_over_seeds_and_over_subjects_is_worked_out_by_hand():
     assert (y.cells["chamfer"].value, y.cells["seeds"].value) == (5.0, 1)
     assert "chamfer_sd_seeds" not in y.cells
     assert y.cells["chamfer_sd_subjects"].value == 0.0
+    # A row that was asked for by name is the same.
+    assert seeds_table(runs, methods=["y", "x"]).rows == (y, x)
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        ({"dataset": "e"}, "their dataset differs"),
+        ({"recipe": "s"}, "their recipe differs"),
+        ({"capture": CaptureStamp("other photos", 8)}, "their capture of a differs"),
+        (
+            {"method": MethodInfo("x", "X", parameters={"hull": {"voxel_m": 0.01}})},
+            "two states of the method",
+        ),
+    ],
+)
+def test_runs_of_other_requests_do_not_meet(other, named):
+    runs = [[record("x", "a", 0, 10.0)], [replace(record("x", "a", 1, 11.0), **other)]]
+    with pytest.raises(ProtocolMismatch, match=named):
+        seeds_table(runs)
 
 
 def test_a_subject_that_failed_under_one_seed_counts_under_none():

@@ -26,6 +26,7 @@ from harness.core.formats.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.photos.one_photo import ASSUMED_HEIGHT_M
 from harness.pipeline.photos.reconstruct import (
     Assumptions,
     Reconstructed,
@@ -52,7 +53,7 @@ Output = Annotated[
     ),
 ]
 Field = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--fov",
         metavar="DEGREES",
@@ -61,8 +62,13 @@ Field = Annotated[
     ),
 ]
 Height = Annotated[
-    float,
-    typer.Option("--height", metavar="METRES", help="How high the person in one photo is."),
+    float | None,
+    typer.Option(
+        "--height",
+        metavar="METRES",
+        help="How high the person in one photo is. "
+        f"Default: {ASSUMED_HEIGHT_M:g}, which is assumed.",
+    ),
 ]
 Mask = Annotated[
     Path | None,
@@ -81,8 +87,8 @@ def reconstruct_photos(
     what: What,
     method: MethodsToRun,
     output: Output = None,
-    field: Field = 0.0,
-    height: Height = 1.7,
+    field: Field = None,
+    height: Height = None,
     mask: Mask = None,
     name: Name = "",
     settings: Set = None,

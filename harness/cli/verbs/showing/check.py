@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,8 @@ import typer
 from harness.cli.options import Json, Run, WorkspacePath, split_names
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
+from harness.core.errors import HarnessError
+from harness.core.records import Record
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.store import RunStore
 from reports.regression.baseline import Baseline
@@ -60,6 +63,8 @@ def check(
     The exit code is 1 when a number moved by more than its tolerance, or when a method of the run
     has no stored numbers.
     """
+    if spread and not update:
+        raise HarnessError("--spread widens the tolerances that --update writes", got="no --update")
     place = Workspace.default(workspace)
     records = RunStore.existing(place, run).records()
     if update:
@@ -67,7 +72,7 @@ def check(
         made = new_baseline(records, previous)
         others = {name: RunStore.existing(place, name).records() for name in split_names(spread)}
         (with_spread(made, others) if others else made).save(baseline)
-        print(f"{len(records)} records written to {baseline}")
+        _show_written(records, baseline, as_json=as_json)
         return
     comparison = compare(records, Baseline.load(baseline))
     if summary is not None:
@@ -79,3 +84,16 @@ def check(
         print(to_text(comparison), end="")
     if not comparison.passed:
         raise typer.Exit(1)
+
+
+def _show_written(records: Sequence[Record], baseline: Path, *, as_json: bool) -> None:
+    """What was stored; records without numbers are named, since they guard nothing."""
+    without = [record for record in records if record.status != "ok"]
+    if as_json:
+        cells = [{"method": each.method_name, "subject": each.subject} for each in without]
+        print_json({"file": str(baseline), "records": len(records), "without_numbers": cells})
+        return
+    print(f"{len(records)} records written to {baseline}")
+    for each in without:
+        reason = next(iter(each.reason.splitlines()), "no reason given")
+        print(f"without numbers: {each.method_name} on {each.subject} {each.status}: {reason}")

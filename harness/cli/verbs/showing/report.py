@@ -19,7 +19,12 @@ from harness.cli.options import (
 )
 from harness.cli.output import deliver, how_to_open
 from harness.cli.verb_list import verb_group
-from harness.core.errors import HarnessError
+from harness.cli.verbs.showing.report_options import (
+    given_options,
+    refuse_ignored,
+    refuse_with_before,
+    refuse_with_records,
+)
 from harness.data.manifest import load_manifest
 from harness.pipeline.board.record_file import read_record_file
 from harness.pipeline.inputs.workspace import Workspace
@@ -153,6 +158,7 @@ Before = Annotated[
 
 @app.command()
 def report(
+    context: typer.Context,
     table: TableName = "geometry",
     form: Format = "markdown",
     run: Run = None,
@@ -175,8 +181,9 @@ def report(
 ) -> None:
     """Print a table of a run, draw a figure, or write a page."""
     place = Workspace.default(workspace)
-    _refuse_with_records(records, run, table, figure, page)
-    _refuse_with_before(before, figure, page)
+    refuse_with_records(records, run, table, figure, page)
+    refuse_with_before(before, figure, page)
+    refuse_ignored(given_options(context), table, figure, page)
     if page is not None:
         wanted = PageRequest(
             store=RunStore.existing(place, run),
@@ -209,33 +216,6 @@ def report(
         paired=paired,
     )
     return deliver(_text(request, place, run, records, before, manifest, reason), output)
-
-
-def _refuse_with_records(
-    records: Path | None, run: str | None, table: str, figure: str, page: Path | None
-) -> None:
-    """Refuse what a file of records, if one is given, cannot give."""
-    if records is None:
-        return
-    other = {"--run": run, "--figure": figure, "--page": page}
-    given = [option for option, value in other.items() if value]
-    if table not in TABLES:
-        given.append(f"--table {table}")
-    if given:
-        raise HarnessError(
-            f"--records cannot be combined with {given[0]}",
-            expected=f"a table of the records alone: {', '.join(TABLES)}",
-            hint="Figures, pages and photo tables need a run: leave out --records",
-        )
-
-
-def _refuse_with_before(before: Path | None, figure: str, page: Path | None) -> None:
-    """Refuse pictures of a comparison with other records."""
-    if before is not None and (figure or page):
-        raise HarnessError(
-            f"--before cannot be combined with {'--figure' if figure else '--page'}",
-            expected=f"--table {PAIRED_TABLE}",
-        )
 
 
 def _text(

@@ -58,6 +58,10 @@ def test_no_folder_is_made_of_another_name(name):
             make()
 
 
+def test_a_name_in_a_list_counts_once():
+    assert split_names("t2, t1..t3, t1") == ("t2", "t1", "t3")
+
+
 def test_lists_on_the_command_line_are_names():
     assert split_names("a01, jmbo8+,t00001..t00003") == (
         "a01", "jmbo8+", "t00001", "t00002", "t00003",

@@ -95,6 +95,8 @@ def test_our_own_form_keeps_its_world(native, tmp_path):
     capture = Capture.load(import_photos(asked, silent).path)
     for found, true in zip(capture.cameras, native.cameras, strict=True):
         np.testing.assert_allclose(found.world_to_camera, true.world_to_camera, atol=1e-12)
+    with pytest.raises(HarnessError, match=r"--height 1\.9 for cameras that are in metres"):
+        import_photos(replace(asked, height_m=1.9), silent)
 
 
 def test_scale_up_front_and_origin_are_found(native, tmp_path):
@@ -144,6 +146,8 @@ def test_the_unit_is_never_guessed_in_silence(native, tmp_path):
         import_photos(request(folder, tmp_path / "in", scale=""), silent)
     with pytest.raises(HarnessError, match="say the same thing"):
         import_photos(request(folder, tmp_path / "in", height_m=1.7), silent)
+    with pytest.raises(HarnessError, match="--origin File.*subject or file"):
+        import_photos(request(folder, tmp_path / "in", origin="File"), silent)
     with pytest.raises(DataError, match=r"would be 18\S* m high.*--height"):
         import_photos(request(folder, tmp_path / "in", scale="100"), silent)
     made = import_photos(request(folder, tmp_path / "in", scale="auto"), silent)

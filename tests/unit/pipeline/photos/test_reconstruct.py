@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from harness.pipeline.photos.reconstruct import (
 )
 from harness.pipeline.progress import Silent
 from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.run.evaluate import EvalSummary, evaluate
 from harness.pipeline.run.store import RunStore
 from tests.unit.pipeline.importing.conftest import photographed
 
@@ -61,8 +63,11 @@ def test_one_photo_stands_where_the_assumptions_put_it(tmp_path):
     assert "50.0 degrees along the longer side, which is assumed: --fov" in made.notes[0]
     assert "1.6 m high" in made.notes[1]
     assert "no landmarks" in made.warnings[0]  # a box has none
-    with pytest.raises(HarnessError, match="--fov 200"):
-        import_one_photo(one(path, tmp_path / "in", field_deg=200.0))
+    for wrong in (200.0, 0.0):
+        with pytest.raises(HarnessError, match=f"--fov {wrong:g}"):
+            import_one_photo(one(path, tmp_path / "in", field_deg=wrong))
+    with pytest.raises(HarnessError, match=r"--height 172.*0\.3 to 3\.0 metres"):
+        import_one_photo(one(path, tmp_path / "in", height_m=172.0))
 
 
 @pytest.mark.slow
@@ -123,6 +128,13 @@ def test_a_capture_without_a_scan_is_reconstructed_and_written(tmp_path, workspa
     assert record.inputs["truth"] == {}
 
 
+def put(capture: Capture, workspace: Workspace, name: str) -> Path:
+    """The folder of the capture, moved to where an imported one of that name lies."""
+    target = workspace.capture("captures", name, "imported")
+    target.parent.mkdir(parents=True)
+    return capture.directory.rename(target)
+
+
 def test_what_cannot_be_reconstructed_says_what_to_do(tmp_path, workspace):
     with pytest.raises(HarnessError, match="no imported capture, no folder and no photo"):
         reconstruct(asked("nobody", workspace, None, "hull8"), Silent())
@@ -133,11 +145,46 @@ def test_what_cannot_be_reconstructed_says_what_to_do(tmp_path, workspace):
         reconstruct(asked(tmp_path / "a.txt", workspace, None, "hull8"), Silent())
 
 
+def test_options_of_one_photo_are_refused_for_a_capture(tmp_path, workspace):
+    native = photographed(tmp_path / "native")
+    plain = asked(native.directory, workspace, tmp_path / "out", "hull8")
+    told = replace(plain, assumed=Assumptions(field_deg=60.0, height_m=1.8))
+    with pytest.raises(HarnessError, match="--fov and --height for .*, which is no photo"):
+        reconstruct(told, Silent())
+    put(native, workspace, "t")
+    with pytest.raises(HarnessError, match="--name toy for 't', which has its name"):
+        reconstruct(replace(plain, what="t"), Silent())
+    assert imported_subjects(workspace) == ("t",)
+
+
+def test_one_photo_does_not_replace_photos_with_cameras(tmp_path, workspace):
+    put(photographed(tmp_path / "native"), workspace, "toy")
+    photo = photo_of_a_box(tmp_path / "toy.png")
+    with pytest.raises(HarnessError, match="imported photos with cameras are called 'toy'"):
+        reconstruct(asked(photo, workspace, None, "hull8"), Silent())
+    assert len(imported_capture(workspace, "toy").cameras) == 8
+
+
+@pytest.mark.slow
+def test_a_result_of_earlier_photos_is_not_written_as_one_of_these(
+    tmp_path, workspace, monkeypatch
+):
+    def killed(request, progress):
+        found = evaluate(request, progress).outcomes
+        return EvalSummary(tuple(replace(each, kept="it was killed") for each in found))
+
+    native = photographed(tmp_path / "native")
+    asks = asked(native.directory, workspace, tmp_path / "out", "hull8")
+    assert reconstruct(asks, Silent()).all_ok
+    monkeypatch.setattr("harness.pipeline.photos.reconstruct.evaluate", killed)
+    again = reconstruct(replace(asks, output=tmp_path / "again"), Silent())
+    assert [outcome.failure for outcome in again.outcomes] == ["it was killed"]
+    assert not again.all_ok
+    assert not (tmp_path / "again").exists()
+
+
 def test_a_damaged_capture_is_told(tmp_path, workspace):
-    native = photographed(tmp_path / "x")
-    target = workspace.capture("captures", "t", "imported")
-    target.parent.mkdir(parents=True)
-    native.directory.rename(target)
+    target = put(photographed(tmp_path / "x"), workspace, "t")
     assert len(imported_capture(workspace, "t").cameras) == 8
     (target / "rgb" / "03.png").write_bytes(b"other")
     with pytest.raises(DataError, match=r"03.png is damaged: import it again"):

@@ -312,3 +312,16 @@ def test_a_spread_is_not_measured_with_another_recipe():
     with pytest.raises(ProtocolMismatch, match="run other-light .* their recipe differs") as raised:
         with_spread(base, {"other-light": [replace(record, recipe="paper8") for record in HULL]})
     assert "paper8" in str(raised.value)
+
+
+def test_numbers_of_a_method_that_had_none_are_not_guarded_by_its_absence():
+    missing = [
+        replace(each, status="missing", reason="no model", metrics={}, key="") for each in HULL
+    ]
+    others = [each for each in RECORDS if each.method_name != "hull8"]
+    base = update([*others, *missing])
+    assert compare([*others, *missing], base).passed
+    comparison = compare(RECORDS, base)
+    assert comparison.unlisted == ("hull8",)
+    assert not comparison.passed
+    assert compare(RECORDS, replace(base, new_methods={"hull8": "since today"})).passed

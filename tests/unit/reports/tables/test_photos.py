@@ -145,3 +145,11 @@ def test_the_rank_correlation_is_that_of_another_implementation():
     assert rank_correlation(first, second) == pytest.approx(spearmanr(first, second).statistic)
     assert rank_correlation(first[:3], second[:3]) is None
     assert rank_correlation(np.ones(9), second[:9]) is None
+
+
+def test_means_over_fewer_subjects_say_so():
+    records = made({"one": {"s1": 1.0, "s2": 2.0}, "two": {"s1": 3.0, "s2": 4.0}})
+    found = {("one", "s1"): scores(0.9), ("two", "s1"): scores(0.8), ("two", "s2"): scores(0.7)}
+    table = photos_table(records, found, {("one", "s2"): "its photos were made anew since"})
+    assert [(row.n, row.of) for row in table.rows] == [(1, 2), (2, 2)]
+    assert "| n/N |" in FORMATS["markdown"][0](table)

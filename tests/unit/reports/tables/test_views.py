@@ -81,3 +81,10 @@ def test_curves_are_drawn_with_their_bands(tmp_path):
 def test_without_series_the_next_command_is_named(tmp_path):
     with pytest.raises(HarnessError, match=r"several numbers of views.*nview\.views=4"):
         view_curves((), tmp_path / "views.png", "")
+
+
+def test_a_row_that_is_not_shown_does_not_decide_what_the_others_are_ranked_by():
+    lone = row("old", "Old", None, views=0)[:1]
+    table = views_table([*RECORDS, *lone])
+    assert table.rows == views_table(RECORDS).rows
+    assert not [row for row in table.rows if "all ranked rows" in " ".join(row.notes)]

@@ -1,0 +1,69 @@
+"""Options that would take no part in what a command makes are refused, never dropped."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.main import app
+from harness.core.errors import HarnessError
+from harness.pipeline.run.store import RunStore
+
+GOLDEN = Path(__file__).parents[2] / "golden" / "run"
+
+
+def refused(*arguments: str) -> str:
+    found = CliRunner().invoke(app, arguments)
+    assert isinstance(found.exception, HarnessError), found.output
+    return str(found.exception)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--page", "out", "--table", "cost"], "--table cannot be combined with --page"),
+        (["--page", "out", "--json"], "--json cannot be combined with --page"),
+        (["--page", "out", "-o", "x.md"], "--output cannot be combined with --page"),
+        (["--page", "out", "--figure", "x"], "--figure cannot be combined with --page"),
+        (["--figure", "x", "--interval"], "--interval cannot be combined with --figure"),
+        (["--figure", "x", "--surfaces", "a"], "--surfaces cannot be combined with --figure"),
+        (["--table", "photos", "--paired"], "--paired cannot be combined with --table photos"),
+        (["--table", "seeds", "--interval"], "--interval cannot be combined with --table seeds"),
+        (["--include-licensed"], "--include-licensed cannot be combined with a table"),
+    ],
+)
+def test_reports(options: list[str], message: str) -> None:
+    assert refused("report", *options).startswith(message)
+
+
+def test_a_spread_without_an_update(tmp_path: Path) -> None:
+    said = refused("check", f"{tmp_path / 'baseline.json'}", "--spread", "other")
+    assert said.startswith("--spread widens the tolerances that --update writes")
+
+
+def test_a_baseline_names_what_it_does_not_guard(tmp_path: Path) -> None:
+    run = tmp_path / "runs" / "golden"
+    shutil.copytree(GOLDEN, run)
+    store = RunStore(run)
+    store.begin()
+    record = next(each for each in store.records() if each.method_name == "hull8")
+    lost = replace(record, status="missing", reason="no model\nat all", metrics={})
+    lost.save(run / "hull8" / record.subject / "record.json")
+    of_run = ["--run", "golden", "--workspace", f"{tmp_path}", "--update"]
+    file = f"{tmp_path / 'baseline.json'}"
+
+    told = CliRunner().invoke(app, ["check", file, *of_run])
+    as_json = CliRunner().invoke(app, ["check", file, *of_run, "--json"])
+
+    first, *others = told.stdout.splitlines()
+    assert first == f"12 records written to {file}"
+    assert f"without numbers: hull8 on {record.subject} missing: no model" in others
+    said = json.loads(as_json.stdout)
+    assert (said["file"], said["records"]) == (file, 12)
+    assert {"method": "hull8", "subject": record.subject} in said["without_numbers"]
+    assert len(said["without_numbers"]) == len(others)
