@@ -8,8 +8,10 @@ class                   exit code  meaning
 ======================  =========  ==================================================
 ``HarnessError``        2          a request that cannot be carried out as given
 ``DataError``           3          a file or mesh is not what it should be
+``WriteError``          3          a file cannot be written: no room, or no right to
 ``MissingPart``         4          a licensed or optional part is not installed
 ``MethodError``         5          a method, renderer or worker process failed
+``Killed``              5          a process was killed, as when memory runs out
 ``ProtocolMismatch``    6          numbers of different protocols would be mixed
 ======================  =========  ==================================================
 
@@ -25,9 +27,11 @@ from typing import Self
 __all__ = [
     "DataError",
     "HarnessError",
+    "Killed",
     "MethodError",
     "MissingPart",
     "ProtocolMismatch",
+    "WriteError",
     "did_you_mean",
 ]
 
@@ -78,6 +82,13 @@ class DataError(HarnessError):
     exit_code = 3
 
 
+class WriteError(DataError):
+    """A file cannot be written, because of a full disk or a missing right.
+
+    It says nothing of the work that was to be kept.
+    """
+
+
 class MissingPart(HarnessError):
     """A licensed, optional or system part is not there; the hint says where it comes from."""
 
@@ -88,6 +99,13 @@ class MethodError(HarnessError):
     """A method, a renderer or their worker process failed."""
 
     exit_code = 5
+
+
+class Killed(MethodError):
+    """A process was killed from outside, as the system does when memory runs out.
+
+    Others may have taken the memory: it is no failure of what the process worked on.
+    """
 
 
 class ProtocolMismatch(HarnessError):

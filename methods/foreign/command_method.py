@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.errors import DataError, MethodError
+from harness.core.errors import DataError, Killed, MethodError
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Part
@@ -94,6 +94,7 @@ class CommandMethod:
 
         Raises:
             MethodError: it takes views that are not there, failed, or left no mesh.
+            Killed: it was killed, as when memory runs out.
             MissingPart: its environment does not run.
         """
         info, launch = self.info, launch_of(self.file)
@@ -118,7 +119,8 @@ class CommandMethod:
             variables = {**launch.environment(), "TMPDIR": str(answer)}
             ended = run_guarded(command, variables, self.file.folder)
         if ended.status:
-            raise MethodError(
+            kind = Killed if ended.was_killed else MethodError
+            raise kind(
                 f"the command of method '{self.file.name}' ended with exit status {ended.status}",
                 hint=ended.log,
             )

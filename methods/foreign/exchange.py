@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -19,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.array_files.npz import read_array_npz, write_npz
-from harness.core.errors import MethodError
+from harness.core.errors import Killed, MethodError
 from harness.core.process.interrupts import require_not_stopped
+from harness.core.process.workers import ending
 from methods.foreign import start
 from methods.foreign.interpreter import Interpreter, environment_of
 from methods.foreign.manifest import Worker
@@ -54,6 +56,7 @@ def asked(
 
     Raises:
         MethodError: it refused, died, or answered with something else than arrays.
+        Killed: it was killed, as when memory runs out.
         Interrupted: the run was stopped, and the worker with it.
     """
     require_not_stopped()
@@ -74,8 +77,9 @@ def asked(
         )
         status = _run(worker, words, environment_of(interpreter, os.environ), log)
         if not answer.is_file():
-            raise MethodError(
-                f"the worker '{worker.name}' ended with exit status {status} and no answer",
+            kind = Killed if status == -signal.SIGKILL else MethodError
+            raise kind(
+                f"the worker '{worker.name}' ended with {ending(status)} and no answer",
                 got=interpreter.program,
                 hint=f"Last lines of its log:\n{_tail(log)}",
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -23,6 +24,8 @@ _POLL_S = 0.1
 _TAIL_LINES = 15
 #: What the guard needs to end what the command left behind.
 _GUARD_S = 10.0
+#: Exit statuses above this are those of signals.
+_OF_SIGNALS = 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,11 @@ class Ended:
 
     status: int
     tail: tuple[str, ...]
+
+    @property
+    def was_killed(self) -> bool:
+        """Whether it was killed, as the system does when memory runs out."""
+        return self.status == _OF_SIGNALS + signal.SIGKILL
 
     @property
     def log(self) -> str:

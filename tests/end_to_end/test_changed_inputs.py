@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.errors import DataError
+from harness.core.errors import DataError, Killed, WriteError
+from harness.core.process.steps import silent
 from harness.core.process.workers import run_worker
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs import captures
@@ -17,6 +18,7 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
 from harness.pipeline.run import cell_worker, evaluate, plan
 from harness.pipeline.run.cell_job import CellJob
+from harness.pipeline.run.cell_result import CellResult
 from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.store import RunStore
 from methods.hull import VisualHull
@@ -257,6 +259,21 @@ def test_a_killed_worker_leaves_a_good_record(world, monkeypatch):
     monkeypatch.setattr(evaluate, "run_worker", dies)
     kept, _ = run(world, seed=1)
     assert (kept.status, kept.record) == ("stale", good.record)
+
+
+@pytest.mark.usefixtures("photographed")
+@pytest.mark.parametrize(
+    ("error", "by_method"),
+    [(Killed("out of memory"), False), (WriteError("disk full"), False), (DataError("no"), True)],
+)
+def test_what_happens_to_a_method_from_outside_is_not_its_own(world, monkeypatch, error, by_method):
+    def fails(*_):
+        raise error
+
+    monkeypatch.setattr(VisualHull, "reconstruct", fails)
+    found = CellResult.from_dict(cell_worker.handle(job_of(world, world / "made"), silent))
+    assert (found.status, found.reason) == ("failed", str(error))
+    assert found.by_method is by_method
 
 
 @pytest.mark.usefixtures("measured")

@@ -15,7 +15,7 @@ from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from harness.core.errors import DataError
+from harness.core.errors import DataError, WriteError
 from harness.core.process.interrupts import require_not_stopped
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "remove_leftovers",
     "write_json",
     "write_text",
+    "writing",
 ]
 
 _LOCK_POLL_S = 0.05
@@ -40,7 +41,7 @@ def atomic_path(path: Path) -> Generator[Path]:
     The file is synced and renamed. If the block raises, nothing is left behind.
 
     Raises:
-        DataError: the disk is full or a permission is missing; the message names ``path``.
+        WriteError: the disk is full or a permission is missing; the message names ``path``.
             Any other error in the block, such as an unreadable input, passes unchanged.
     """
     temporary = _temporary_sibling(path)
@@ -60,7 +61,7 @@ def atomic_directory(path: Path) -> Generator[Path]:
     """A temporary folder that replaces ``path`` as a whole when the block succeeds.
 
     Raises:
-        DataError: as ``atomic_path``.
+        WriteError: as ``atomic_path``.
     """
     temporary = _temporary_sibling(path)
     try:
@@ -92,7 +93,7 @@ def _put_in_place(temporary: Path, path: Path) -> None:
 
 @contextlib.contextmanager
 def _explained(path: Path, temporary: Path) -> Generator[None]:
-    """Turn an ``OSError`` about writing ``path`` into a ``DataError``; let others pass."""
+    """Turn an ``OSError`` about writing ``path`` into a ``WriteError``; let others pass."""
     try:
         yield
     except OSError as error:
@@ -100,9 +101,25 @@ def _explained(path: Path, temporary: Path) -> Generator[None]:
         ours = file is not None and (file.is_relative_to(temporary) or path.is_relative_to(file))
         if not ours and error.errno not in _NO_ROOM:
             raise
-        raise DataError(
+        raise WriteError(
             f"could not write {path}: {error.strerror or error}",
             hint="Nothing half-written was left: free space or fix the rights, and run again",
+        ) from error
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Generator[None]:
+    """A block that does nothing but make ``path``, in place, and says so where it cannot.
+
+    Raises:
+        WriteError: an ``OSError`` in the block.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise WriteError(
+            f"could not write {path}: {error.strerror or error}",
+            hint="Free space or fix the rights, or name another folder",
         ) from error
 
 
@@ -175,9 +192,12 @@ def exclusive_lock(path: Path) -> Generator[None]:
 
     Raises:
         Interrupted: the run was stopped while it waited.
+        WriteError: the file cannot be made.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as stream:
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        stream = path.open("a")
+    with stream:
         while not _locked(stream.fileno()):
             require_not_stopped()
             time.sleep(_LOCK_POLL_S)

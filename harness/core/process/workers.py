@@ -26,7 +26,7 @@ from harness.core.files.atomic import read_json, write_json
 from harness.core.process.interrupts import require_not_stopped
 from harness.core.process.steps import StepReport
 
-__all__ = ["WorkerDied", "run_worker", "worker_main"]
+__all__ = ["WorkerDied", "ending", "run_worker", "worker_main"]
 
 _TAIL_LINES = 15
 _POLL_S = 0.05
@@ -138,12 +138,13 @@ def _death(module: str, status: int | None, timeout_s: float | None, log: Path) 
             f"worker {module} had no result after {timeout_s:g} seconds and was stopped",
             hint=f"If it needs longer, give --timeout SECONDS. {tail}",
         )
-    died = WorkerDied(f"worker {module} ended with {_ending(status)} and no result", hint=tail)
+    died = WorkerDied(f"worker {module} ended with {ending(status)} and no result", hint=tail)
     died.by_signal = signal.Signals(-status) if status < 0 else None
     return died
 
 
-def _ending(status: int) -> str:
+def ending(status: int) -> str:
+    """A process's return code in words; negative ones are signals."""
     if status >= 0:
         return f"exit status {status}"
     if -status == signal.SIGKILL:

@@ -78,19 +78,13 @@ def judged_networks(request: JudgeRequest, progress: Progress) -> list[NetworkRo
 
     def judge(subject: str) -> dict[str, NormalsJudgement]:
         source = request.source.only(subject)
-        key = content_hash(
-            {
-                "version": _VERSION,
-                "samples": samples_key(source.locate(subject), request.settings),
-                "networks": sums,
-            }
-        )
-        path = source.workspace.root / "judged" / source.name / subject / f"{key}.json"
-        found = _stored(path)
+        # A subject that has to be made has no key yet, or that of another one.
+        waits = source.is_generated and not source.avatar_is_current(subject)
+        found = None if waits else _stored(_file(source, subject, request.settings, sums))
         if found is None:
             job = JudgeJob(source, request.networks, request.settings)
             found = run_worker(_WORKER, job.to_dict(), progress=counted(progress, _PHOTOS))
-            write_json(path, found)
+            write_json(_file(source, subject, request.settings, sums), found)
         else:
             progress.done(_PHOTOS, request.settings.views)
         return {name: NormalsJudgement(**numbers) for name, numbers in found.items()}
@@ -99,6 +93,20 @@ def judged_networks(request: JudgeRequest, progress: Progress) -> list[NetworkRo
     rows = dict(zip(subjects, in_threads(judge, subjects, request.jobs), strict=True))
     names = list(next(iter(rows.values())))
     return [_row(name, {subject: row[name] for subject, row in rows.items()}) for name in names]
+
+
+def _file(
+    source: Source, subject: str, settings: SampleSettings, networks: Mapping[str, str]
+) -> Path:
+    """Where a subject's numbers are kept, by everything that decides them."""
+    key = content_hash(
+        {
+            "version": _VERSION,
+            "samples": samples_key(source.locate(subject), settings),
+            "networks": networks,
+        }
+    )
+    return source.workspace.root / "judged" / source.name / subject / f"{key}.json"
 
 
 def _stored(path: Path) -> dict[str, dict[str, float]] | None:

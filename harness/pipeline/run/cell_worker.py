@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.artifacts import Capture, Reconstruction, Scan
-from harness.core.errors import HarnessError, MethodError, MissingPart
+from harness.core.errors import HarnessError, Killed, MethodError, MissingPart, WriteError
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.privileges import Privilege
@@ -115,6 +115,9 @@ class _Task:
                 scores = scores_of(result, chosen.capture, truth, self.job.protocol, others)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
+        except (Killed, WriteError) as error:
+            # Neither says anything of the method.
+            return CellResult("failed", str(error), by_method=False, stages=tuple(meter.stages))
         except HarnessError as error:
             return CellResult("failed", str(error), stages=tuple(meter.stages))
         return CellResult(

@@ -25,6 +25,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from harness.core.files.atomic import writing
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.records import Record
 
@@ -70,9 +71,14 @@ class Attempt:
 
     @classmethod
     def begin(cls, cell: Path) -> Attempt:
-        """A fresh one."""
+        """A fresh one.
+
+        Raises:
+            WriteError: a full disk or a missing right.
+        """
         attempt = cls(cell / f"{_ATTEMPT}{_owner()}-{uuid.uuid4().hex[:12]}")
-        attempt.results.mkdir(parents=True)
+        with writing(attempt.results):
+            attempt.results.mkdir(parents=True)
         return attempt
 
     @property
@@ -104,7 +110,7 @@ def publish(cell: Path, attempt: Attempt, record: Record) -> Record:
         The record with the log among its files.
 
     Raises:
-        DataError: a full disk or a missing right.
+        WriteError: a full disk or a missing right.
     """
     if attempt.log.is_file():
         attempt.log.replace(attempt.results / LOG_FILE)
@@ -136,7 +142,8 @@ def file_of(cell: Path, record: Record, name: str) -> Path:
 
 def _put(made: Path, target: Path, files: Mapping[str, str]) -> None:
     """Rename results to their place; the same results may be there already."""
-    (made / _OWNER_FILE).write_text(_owner())
+    with writing(made / _OWNER_FILE):
+        (made / _OWNER_FILE).write_text(_owner())
     if target.is_dir() and not _is_whole(target, files):
         shutil.rmtree(target)
     try:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness.core.array_files.npz import MOST_NPZ_BYTES
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_text
 from harness.core.files.hashing import file_sha256
-from harness.data.avatars import AVATARS_VERSION
+from harness.data.avatars import AVATARS_VERSION, recipe_for
 from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 __all__ = ["TrainingRequest", "TrainingResult", "train_normals"]
 
 _STEPS = "steps"
+#: Licence of generated people.
+_OURS = "CC0-1.0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +126,9 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     from methods.normals.training.networks.learned import Alone, Together
     from methods.normals.training.samples import Samples
 
-    _check_request(request)
     if request.part is not NetworkPart.FIRST:
         request = replace(request, samples=request.samples.of_detail())
+    _check_request(request)
     request = replace(request, training=request.training.of(request.part))
     before = () if request.start is None else sittings_of(request.start)
     start = None if request.start is None else _first_weights(request.start, request.part)
@@ -134,7 +137,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         SampleFiles.ensured(source, request.samples, request.held_out, request.jobs, progress)
         for source in request.sources
     )
-    judging = {part.dataset: tuple(part.judging) for part in split}
+    judging = _by_dataset((part.dataset, part.judging) for part in split)
     without_leaks(before, judging)
     # What the whole network is judged on, whichever part of it is trained.
     people = Samples.load([path for part in split for path in part.judging.values()])
@@ -158,7 +161,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     sitting = Sitting(
         command=request.command,
         start=sha256,
-        trained={part.dataset: tuple(part.training) for part in split},
+        trained=_by_dataset((part.dataset, part.training) for part in split),
         judged=judging,
         datasets_version=AVATARS_VERSION,
         curve=trained.looks,
@@ -166,8 +169,26 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         fold_gain=request.fold_gain,
         part=request.part,
         device=trained.device,
+        scans=_licences_of_scans(request.sources),
     )
     return _written(request, trained, (*before, sitting), people)
+
+
+def _by_dataset(parts: Iterable[tuple[str, Iterable[str]]]) -> dict[str, tuple[str, ...]]:
+    """Subjects by dataset; several splits of one are put together."""
+    found: dict[str, tuple[str, ...]] = {}
+    for dataset, subjects in parts:
+        found[dataset] = (*found.get(dataset, ()), *subjects)
+    return found
+
+
+def _licences_of_scans(sources: Sequence[Source]) -> dict[str, str]:
+    """By dataset, without those of generated people."""
+    return {
+        source.name: source.manifest.datasets[source.name].licence
+        for source in sources
+        if not source.is_generated
+    }
 
 
 def _first_weights(start: Path, part: NetworkPart) -> dict[str, Tensor]:
@@ -208,12 +229,35 @@ def _check_request(request: TrainingRequest) -> None:
         )
     for source in request.sources:
         refuse(source.manifest, source.name, "training")
+        _refuse_tested(source)
         if not 0 < request.held_out < len(source.subjects):
             raise HarnessError(
                 f"cannot hold out {request.held_out} of {len(source.subjects)} subjects "
                 f"of {source.name}",
                 expected="at least one to train on and one held out",
             )
+    views, size = request.samples.views, request.samples.file_bytes
+    if size > MOST_NPZ_BYTES:
+        raise HarnessError(
+            f"{views} photos of a subject do not fit into one file of samples",
+            expected=f"at most {views * MOST_NPZ_BYTES // size}",
+            hint="Give fewer --views and more subjects",
+        )
+
+
+def _refuse_tested(source: Source) -> None:
+    """Refuse generated people that methods are tested on."""
+    tested = [
+        subject
+        for subject in (source.subjects if source.is_generated else ())
+        if not recipe_for(subject).is_for_training
+    ]
+    if tested:
+        raise HarnessError(
+            f"subject '{tested[0]}' of '{source.name}' is one that methods are tested on",
+            expected="subjects that are made for training, such as t00001",
+            hint="Name others with --dataset and --subjects",
+        )
 
 
 def _written(
@@ -273,10 +317,11 @@ def _about(request: TrainingRequest, sittings: Sequence[Sitting]) -> dict[str, s
             seen.setdefault(dataset, set()).update(subjects)
     generated = any(source.is_generated for source in request.sources)
     version = f", version {AVATARS_VERSION}" if generated else ""
-    licences = {source.manifest.datasets[source.name].licence: None for source in request.sources}
+    scans = {name: licence for each in sittings for name, licence in each.scans.items()}
+    licences = dict.fromkeys([*scans.values(), *([_OURS] if seen.keys() - scans.keys() else [])])
     return {
         "name": request.name,
-        "licence": "Apache-2.0",
+        "licence": "as its training set" if scans else "Apache-2.0",
         "training_set": "; ".join(f"{name} {spans(sorted(ids))}" for name, ids in seen.items())
         + version,
         "training_set_licence": ", ".join(licences),

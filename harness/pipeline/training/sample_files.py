@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, MissingPart, WriteError
 from harness.core.files.atomic import exclusive_lock, remove_leftovers
 from harness.core.process.interrupts import in_threads
-from harness.core.process.workers import run_worker
+from harness.core.process.workers import WorkerDied, run_worker
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, counted
 from harness.pipeline.training.sample_worker import SampleJob
@@ -90,6 +90,12 @@ def ensure_samples(
 
     A subject that cannot be made is left out, and a message names it: random clothes sometimes do
     not fit.
+
+    Raises:
+        MissingPart: what makes subjects is not installed.
+        WriteError: the disk is full, or a right is missing.
+        WorkerDied: the process that made one was killed or has a defect; who trains and who judges
+            must not depend on that.
     """
     # Both networks' samples stay: the first one may be trained again.
     folder = source.workspace.root / "samples" / f"normals-{settings.side_px}" / source.name
@@ -106,6 +112,8 @@ def ensure_samples(
                 remove_leftovers(paths[subject])
                 try:
                     run_worker(_WORKER, job.to_dict(), progress=counted(progress, _SAMPLES))
+                except (MissingPart, WriteError, WorkerDied):
+                    raise
                 except HarnessError as error:
                     return str(error)
         return ""

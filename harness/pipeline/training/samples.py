@@ -84,6 +84,11 @@ class SampleSettings:
     height_px: int = 480
     seed: int = 0
 
+    @property
+    def file_bytes(self) -> int:
+        """Size of the arrays of one subject's samples, each of 24 bytes per pixel."""
+        return 24 * self.views * self.width_px * self.height_px
+
     def of_detail(self) -> SampleSettings:
         """The same scenes as the second network sees them: larger."""
         return self.seen_at(rounded_up(round(LARGER * self.side_px), MULTIPLE))
@@ -103,6 +108,7 @@ def samples_key(scan: Scan, settings: SampleSettings) -> str:
         {
             "version": SAMPLES_VERSION,
             "scan": scan.identity(),
+            "body": None if scan.body_path is None else scan.truth_sha256.get(scan.body_path.name),
             "settings": asdict(settings),
             "errors": asdict(FitErrors()),
         }

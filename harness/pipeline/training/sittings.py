@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,15 @@ from methods.normals.onnx_files import read_network
 from methods.normals.training.curve import Look
 from methods.normals.training.settings import NetworkPart
 
-__all__ = ["METADATA", "Blend", "Sitting", "provenance", "sittings_of", "spans", "without_leaks"]
+__all__ = [
+    "METADATA",
+    "Blend",
+    "Sitting",
+    "provenance",
+    "sittings_of",
+    "spans",
+    "without_leaks",
+]
 
 #: Under this name an ONNX file's metadata hold the list.
 METADATA = "sittings"
@@ -53,6 +61,7 @@ class Sitting:
             unsure.
         part: Which network of two was trained.
         device: The graphics processor that trained it; empty if none did.
+        scans: Licences of its datasets of scans, by name; generated people are in none of them.
     """
 
     command: str
@@ -65,6 +74,7 @@ class Sitting:
     fold_gain: float = 1.0
     part: NetworkPart = NetworkPart.FIRST
     device: str = ""
+    scans: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -82,10 +92,12 @@ class Sitting:
             curve=tuple(Look(**row) for row in values["curve"]),
             # Files of the first seven sittings have no blend, those of the first nine no gain,
             # those of the first eleven no second network, and those of the first twelve no device.
+            # Of scans no shipped file tells.
             blend=Blend(**values["blend"]) if values.get("blend") else None,
             fold_gain=values.get("fold_gain", 1.0),
             part=_part(values),
             device=values.get("device", ""),
+            scans=values.get("scans", {}),
         )
 
 
@@ -144,13 +156,19 @@ def _number(subject: str) -> int:
     return int(digits) if digits else -2
 
 
-_TITLE = """\
-# Where `{name}` comes from
-
+_GENERATED = """\
 The network was made on this repository's own generated people, and on nothing else: no
 photograph, no scan, no network of others, nothing under a non-commercial licence. Training subjects
 are drawn from seeds, cuts and textures that no test subject has.
+"""
+_SCANNED = """\
+The network was made on scans: {scans}. It may be used and passed on as their licences allow. What
+else it was made on is this repository's own.
+"""
+_TITLE = """\
+# Where `{name}` comes from
 
+{what}
 | what went in | where it is from | licence |
 | :--- | :--- | :--- |
 """
@@ -198,7 +216,13 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
 
     Subjects that judge measure the error and are never trained on.
     """
-    parts = [_TITLE.format(name=name) + "".join(f"| {' | '.join(row)} |\n" for row in _ORIGINS)]
+    scans = {dataset: licence for each in sittings for dataset, licence in each.scans.items()}
+    told = ", ".join(f"{dataset} ({licence})" for dataset, licence in scans.items())
+    what = _SCANNED.format(scans=told) if scans else _GENERATED
+    parts = [
+        _TITLE.format(name=name, what=what)
+        + "".join(f"| {' | '.join(row)} |\n" for row in _ORIGINS)
+    ]
     for number, sitting in enumerate(sittings, start=1):
         trained = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.trained.items())
         judged = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.judged.items())

@@ -127,7 +127,7 @@ def _source(request: CalibrationRequest) -> Source:
     """Subjects that nothing is tested on, in small photos."""
     manifest, workspace, dataset = request.manifest, request.workspace, request.dataset
     subjects = request.subjects
-    name, found, listed = manifest.select(dataset)
+    name, found, _ = manifest.select(dataset)
     if found.kind != _KIND or found.scale != _FIT_RULE:
         raise HarnessError(
             f"dataset '{dataset}' does not know its subjects' SMPL-X bodies in metres",
@@ -149,7 +149,7 @@ def _source(request: CalibrationRequest) -> Source:
         height=height,
     )
     root = manifest.root(name, workspace.root)
-    chosen = subjects or tuple(_with_fits(found, root, listed))
+    chosen = subjects or tuple(_with_fits(found, root))
     if len(chosen) < FEWEST_SUBJECTS:
         raise DataError(
             f"too few subjects of '{name}' to measure landmark offsets",
@@ -235,12 +235,14 @@ def true_smplx(body: SmplxBody, scan: Scan, fit: Path) -> Posed:
     )
 
 
-def _with_fits(dataset: Dataset, root: Path, listed: Sequence[str]) -> Iterator[str]:
-    """The first subjects of version 2.0, which stand upright, that have a scan and a fit."""
+def _with_fits(dataset: Dataset, root: Path) -> Iterator[str]:
+    """The first subjects of version 2.0, which stand upright, that have a scan and a fit, and that
+    no split of the dataset tests.
+    """
     found = 0
     for number in range(_LAST_OF_VERSION_2 + 1):
         subject = f"{number:04d}"
-        if subject in listed or found == _USUAL:
+        if subject in dataset.subjects or found == _USUAL:
             continue
         with contextlib.suppress(DataError):
             if fit_of(dataset, root, subject) is not None:

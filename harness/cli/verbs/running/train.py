@@ -247,10 +247,11 @@ def judge(
     network should find as many in both.
     """
     checked = load_manifest(manifest)
-    refuse(checked, dataset, "judging networks")
     place, recipe = Workspace.default(workspace), next(iter(checked.recipes))
+    source = Source.select(checked, place, dataset, split_names(subjects), recipe)
+    refuse(checked, source.name, "judging networks")
     request = JudgeRequest(
-        Source.select(checked, place, dataset, split_names(subjects), recipe),
+        source,
         _network_files(networks.split(",")),
         SampleSettings(views=views, seed=seed),
         jobs,

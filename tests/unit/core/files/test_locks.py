@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.errors import WriteError
 from harness.core.files.atomic import exclusive_lock
 
 HOLDER = """
@@ -95,3 +96,12 @@ def test_processes_that_count_together_lose_nothing(tmp_path: Path) -> None:
 
     assert [process.wait(30) for process in processes] == [0, 0, 0]
     assert counter.read_text() == "300"
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(WriteError, match=r"could not write .*file/\.lock: File exists"),
+        exclusive_lock(tmp_path / "file" / ".lock"),
+    ):
+        pass

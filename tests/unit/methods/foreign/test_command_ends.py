@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.errors import MethodError, MissingPart
+from harness.core.errors import Killed, MethodError, MissingPart
 from tests.unit.methods.foreign.toys import described
 
 
@@ -50,6 +50,12 @@ def test_an_interpreter_that_does_not_run_is_said(folder):
 def test_failures_are_the_methods_own(program, said, folder, capture, context):
     (folder / "run.py").write_text(program)
     with pytest.raises(MethodError, match=said):
+        described(folder).reconstruct(capture, context)
+
+
+def test_a_command_that_was_killed_did_not_fail_itself(folder, capture, context):
+    (folder / "run.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    with pytest.raises(Killed, match="exit status 137"):
         described(folder).reconstruct(capture, context)
 
 

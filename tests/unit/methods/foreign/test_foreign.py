@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.errors import DataError, MethodError, MissingPart
+from harness.core.errors import DataError, Killed, MethodError, MissingPart
 from methods.foreign.exchange import asked
 from methods.foreign.interpreter import Interpreter, environment_of
 from methods.foreign.manifest import MANIFEST, Worker, read_worker
@@ -116,17 +116,19 @@ def test_a_foreign_interpreter_does_not_get_our_packages():
 
 
 @pytest.mark.parametrize(
-    ("program", "said"),
+    ("program", "kind", "said"),
     [
-        ("raise ValueError('of the network')", "of the network"),
-        ("import os; os._exit(9)", "exit status 9 and no answer"),
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "exit status -11"),
+        ("raise ValueError('of the network')", MethodError, "of the network"),
+        ("os._exit(9)", MethodError, "exit status 9 and no answer"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", MethodError, "signal SIGSEGV and no answer"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", Killed, "when memory runs out"),
     ],
 )
-def test_a_worker_that_dies_says_how(program, said, folder, foreign):
-    (folder / "worker.py").write_text(program)
-    with pytest.raises(MethodError, match=said):
+def test_a_worker_that_dies_says_how(program, kind, said, folder, foreign):
+    (folder / "worker.py").write_text(f"import os, signal\n{program}\n")
+    with pytest.raises(MethodError, match=said) as died:
         asked(read_worker(folder), foreign, {}, {})
+    assert died.type is kind
 
 
 def test_a_refusal_is_one_sentence(folder, foreign):

@@ -12,9 +12,19 @@ from harness.cli.main import app
 from harness.core.cameras.camera import Camera, look_at
 from harness.core.errors import HarnessError
 from harness.core.protocols import EstimatedNormals
-from harness.pipeline.judging.judge import NetworkRow, to_markdown
-from harness.pipeline.judging.photos import NormalsJudgement, judged_pair
-from harness.pipeline.training.samples import PrintPair
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.judging import judge as judging
+from harness.pipeline.judging.judge import (
+    JudgeRequest,
+    NetworkRow,
+    judged_networks,
+    to_markdown,
+)
+from harness.pipeline.judging.photos import BODY, NormalsJudgement, judged_pair
+from harness.pipeline.progress import Silent
+from harness.pipeline.training.samples import PrintPair, SampleSettings
 
 SIDE = 160
 #: A camera 2 m away whose pixels are 4 mm wide at the origin.
@@ -97,3 +107,41 @@ def test_two_rows_of_one_name_are_refused(tmp_path: Path):
     names = f"{tmp_path}/a/net.onnx,{tmp_path}/b/net.onnx"
     answer = CliRunner().invoke(app, ["train", "judge", "--network", names])
     assert "two rows would be called 'net'" in f"{answer.exception}{answer.output}"
+
+
+@pytest.mark.parametrize(
+    ("dataset", "said"),
+    [("avatarss", "Did you mean 'avatars'"), ("avatars-tiny", "there is no network none.onnx")],
+)
+def test_a_split_is_judged_on_and_a_typing_error_is_told(dataset: str, said: str):
+    answer = CliRunner().invoke(
+        app, ["train", "judge", "--dataset", dataset, "--network", "none.onnx"]
+    )
+    assert isinstance(answer.exception, HarnessError)
+    assert said in str(answer.exception)
+
+
+def test_a_subject_is_made_before_it_has_a_key(pair, tmp_path: Path, monkeypatch):
+    """Its numbers are filed under what was made, and not asked for again."""
+    numbers = judged_pair(pair, lambda *_: EstimatedNormals(pair.front, pair.back)).to_dict()
+    source = Source.select(load_manifest(), Workspace(tmp_path), "avatars", ("a01",), "quick8")
+    made: list[str] = []
+
+    def worked(module, job, **_):
+        made.append(module)
+        return {BODY: numbers}
+
+    def located(_, settings):
+        assert made, "there is no scan yet"
+        return f"samples of {settings.views}"
+
+    monkeypatch.setattr(judging, "run_worker", worked)
+    monkeypatch.setattr(judging, "samples_key", located)
+    monkeypatch.setattr(Source, "locate", lambda *_: None)
+    monkeypatch.setattr(Source, "avatar_is_current", lambda *_: bool(made))
+    request = JudgeRequest(source, {}, SampleSettings(views=1))
+    for _ in range(2):
+        (row,) = judged_networks(request, Silent())
+        assert row.name == BODY
+        assert row.mean.front_deg == pytest.approx(0.0, abs=1e-4)
+    assert len(made) == 1

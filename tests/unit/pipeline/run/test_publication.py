@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.core.errors import DataError
+from harness.core.errors import DataError, WriteError
 from harness.core.files.hashing import file_sha256
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
@@ -346,3 +346,9 @@ def _seen(cell: Path) -> int | None:
         assert content == found.reason * 1000, "files of another attempt"
         assert len(sha256) == 64
     return int(found.reason)
+
+
+def test_a_cell_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(WriteError, match="could not write .*: Not a directory"):
+        Attempt.begin(tmp_path / "runs" / "m" / "s")

@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.core.errors import DataError, HarnessError
+from harness.core.array_files.npz import MOST_NPZ_BYTES
+from harness.core.errors import DataError, HarnessError, MissingPart, WriteError
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
+from harness.core.process.workers import WorkerDied
 from harness.data.manifest import load_manifest
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.judging.judge import JudgeRequest, judged_networks
 from harness.pipeline.progress import Silent
+from harness.pipeline.training import sample_files
 from harness.pipeline.training.normals import TrainingRequest, train_normals
 from harness.pipeline.training.sample_files import ensure_samples
 from harness.pipeline.training.samples import (
@@ -31,6 +34,7 @@ from harness.pipeline.training.samples import (
 from harness.pipeline.training.sittings import sittings_of
 from harness.pipeline.training.viewpoint import PhotoSize, drawn_camera
 from methods.normals.installed import OPEN_NETWORK, named
+from methods.normals.training.settings import TrainingSettings
 from methods.normals.training.variations import relighting
 from methods.normals.training.variations.light import Gloss, Light, drawn_lamp
 
@@ -151,7 +155,7 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
 @pytest.mark.slow
 def test_from_subjects_to_a_network_in_four_sittings(source, tmp_path):
     from methods.normals.onnx_estimator import OnnxNormals
-    from methods.normals.training.settings import NetworkPart, TrainingSettings
+    from methods.normals.training.settings import NetworkPart
 
     request = TrainingRequest(
         sources=(source,),
@@ -166,6 +170,8 @@ def test_from_subjects_to_a_network_in_four_sittings(source, tmp_path):
     estimator = OnnxNormals(first.network)
     assert estimator.part.name == OPEN_NETWORK
     assert estimator.training_set == "bare p1"
+    assert estimator.part.licence == "as its training set"
+    assert "made on scans: bare (CC0-1.0)" in first.provenance.read_text()
     assert first.curve.read_text().count("\n") == 3
     assert 0 < first.front_deg < 90
     assert 0 <= first.front_calibration_deg < 90
@@ -233,6 +239,53 @@ def test_from_subjects_to_a_network_in_four_sittings(source, tmp_path):
     turned = replace(source, subjects=("p2", "p1"))
     with pytest.raises(HarnessError, match="p1 of bare cannot judge"):
         train_normals(replace(again, sources=(turned,), directory=tmp_path / "third"), Silent())
+
+
+def test_what_stops_a_sample_is_no_fault_of_its_subject(source, monkeypatch):
+    def stopped(*_, **__):
+        raise error
+
+    monkeypatch.setattr(sample_files, "run_worker", stopped)
+    new = replace(SETTINGS, seed=17)
+    for error in (WorkerDied("killed"), MissingPart("no Blender"), WriteError("disk full")):
+        with pytest.raises(type(error)):
+            ensure_samples(source, new, 1, Silent())
+    error = DataError("it has no true body")
+    assert ensure_samples(source, new, 1, Silent()) == {}
+
+
+def test_samples_of_another_true_body_are_others(source):
+    scan = source.locate("p1")
+    sha256 = dict.fromkeys(scan.truth_sha256, "0" * 64)
+    assert scan.body_path.name in sha256
+    assert samples_key(scan, SETTINGS) != samples_key(replace(scan, truth_sha256=sha256), SETTINGS)
+    # Labels take no part.
+    more = {**scan.truth_sha256, "labels.npz": "0" * 64}
+    assert samples_key(scan, SETTINGS) == samples_key(replace(scan, truth_sha256=more), SETTINGS)
+
+
+def test_subjects_that_methods_are_tested_on_train_nothing(tmp_path):
+    for dataset, subject in (("avatars", "a02"), ("avatars2", "b02")):
+        of = Source.select(load_manifest(), Workspace(tmp_path), dataset, (), "quick8")
+        with pytest.raises(HarnessError, match=rf"'{subject[0]}01' of '{dataset}' is one that"):
+            train_normals(request_of(of, tmp_path), Silent())
+    mixed = replace(of, subjects=("t00001", "b03", "t00002"))
+    with pytest.raises(HarnessError, match="'b03' of 'avatars2' is one that methods are tested on"):
+        train_normals(request_of(mixed, tmp_path), Silent())
+
+
+def test_samples_that_could_not_be_read_again_are_not_made(source, tmp_path):
+    fits, more = (SampleSettings(views=views) for views in (218, 219))
+    assert fits.file_bytes <= MOST_NPZ_BYTES < more.file_bytes
+    with pytest.raises(HarnessError, match=r"219 photos .*at most 218"):
+        train_normals(replace(request_of(source, tmp_path), samples=more), Silent())
+    arrays = made(source, "p1", tmp_path / "p1.npz")
+    held = sum(each.nbytes for name, each in arrays.items() if name not in ("key", "lights"))
+    assert held <= SETTINGS.file_bytes
+
+
+def request_of(source, folder) -> TrainingRequest:
+    return TrainingRequest((source,), SETTINGS, TrainingSettings(), folder, held_out=1, jobs=1)
 
 
 def test_a_scan_without_texture_cannot_be_photographed(source, tmp_path):

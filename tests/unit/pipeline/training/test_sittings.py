@@ -115,3 +115,12 @@ def test_a_file_that_tells_nothing_or_nonsense(tmp_path):
     path.write_bytes(b"\x00\x01")
     with pytest.raises(DataError, match="not an ONNX network"):
         sittings_of(path)
+
+
+def test_a_page_does_not_call_scans_generated_people():
+    scanned = replace(SECOND, scans={"b": "for research alone"})
+    assert Sitting.from_dict(scanned.to_dict()) == scanned
+    page = provenance("mine", (FIRST, scanned))
+    assert "made on scans: b (for research alone)" in page
+    assert "no scan" not in page
+    assert "generated people, and on nothing else: no" in provenance("mine", (FIRST, SECOND))

@@ -49,9 +49,10 @@ MANIFEST = """\
 schema: 1
 datasets:
   metres: {{title: M, kind: thuman, licence: CC0-1.0, root: "{root}", scale: fit, facing: fit,
-    subjects: ["0021"]}}
+    subjects: ["0021", "0022"]}}
   own-units: {{title: U, kind: thuman, licence: CC0-1.0, root: "{root}", scale: units,
     facing: fit, subjects: ["0021"]}}
+splits: {{few: {{dataset: metres, subjects: ["0021"]}}}}
 rigs: {{ring8: {{views: 8}}}}
 recipes: {{paper8: {{rig: ring8, width: 108, height: 192, renderer: raycast}}}}
 protocols:
@@ -228,6 +229,15 @@ def test_without_names_all_subjects_with_a_fit_count(request_of):
     source = smplx_calibration._source(request_of(subjects=()))
     assert source.subjects == SUBJECTS
     assert (source.recipe.width, source.recipe.renderer) == (540, "raycast")
+
+
+def test_what_a_split_leaves_out_is_tested_on_all_the_same(request_of, monkeypatch):
+    with_fits = {"0021", "0022", *SUBJECTS}
+    monkeypatch.setattr(
+        smplx_calibration, "fit_of", lambda _, root, subject: root if subject in with_fits else None
+    )
+    source = smplx_calibration._source(request_of(dataset="few", subjects=()))
+    assert source.subjects == SUBJECTS
 
 
 def test_the_verb(request_of, detector, monkeypatch, capsys, place):
