@@ -126,10 +126,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
     from methods.normals.training.networks.learned import Alone, Together
     from methods.normals.training.samples import Samples
 
-    if request.part is not NetworkPart.FIRST:
-        request = replace(request, samples=request.samples.of_detail())
-    _check_request(request)
-    request = replace(request, training=request.training.of(request.part))
+    request = _checked(request)
     before = () if request.start is None else sittings_of(request.start)
     start = None if request.start is None else _first_weights(request.start, request.part)
     sha256 = "" if request.start is None else file_sha256(request.start)
@@ -212,6 +209,14 @@ def _blended(
     angles = judged(network, judges, torch.device("cpu"))
     blend = Blend(share, round(angles.front_deg, 3), round(angles.back_deg, 3))
     return replace(trained, network=network), blend
+
+
+def _checked(request: TrainingRequest) -> TrainingRequest:
+    """The request with the settings of the part that is trained."""
+    if request.part is not NetworkPart.FIRST:
+        request = replace(request, samples=request.samples.of_detail())
+    _check_request(request)
+    return replace(request, training=request.training.of(request.part))
 
 
 def _check_request(request: TrainingRequest) -> None:
