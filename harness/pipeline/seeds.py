@@ -28,6 +28,7 @@ __all__ = [
     "evaluate_seeds",
     "is_deterministic",
     "parsed_seeds",
+    "seed_requests",
     "seed_runs",
     "table_of_seeds",
 ]
@@ -97,19 +98,37 @@ def evaluate_seeds(
         HarnessError: as ``evaluate``.
         Interrupted: the run was stopped; what is finished is kept.
     """
-    varying = tuple(method for method in request.methods if not is_deterministic(method))
-    once = [method.row for method in request.methods if method not in varying]
-    if once:
+    requests = seed_requests(request, seeds)
+    varying = {method.row for each in requests[1:] for method in each.methods}
+    once = [method.row for method in request.methods if method.row not in varying]
+    if once and len(requests) > 1:
         progress.say(f"a seed changes nothing for {', '.join(once)}: run once")
-    done: list[SeedRun] = []
-    for number, seed in enumerate(seeds):
-        store = request.store if not number else _store(request.store, seed)
-        methods = request.methods if not number else varying
-        asked = replace(request, seed=seed, store=store, methods=methods)
-        done.append(SeedRun(seed, store, evaluate(asked, progress) if methods else None))
+    done = [
+        SeedRun(each.seed, each.store, evaluate(each, progress) if each.methods else None)
+        for each in requests
+    ]
     # Reports read the run that was written to last: that of the first seed leads to the others.
     request.store.begin()
     return tuple(done)
+
+
+def seed_requests(request: EvalRequest, seeds: Sequence[int]) -> tuple[EvalRequest, ...]:
+    """The request of each seed; later ones have the methods that a seed changes, perhaps none.
+
+    Raises:
+        HarnessError: the request has a seed of its own.
+    """
+    if request.seed:
+        raise HarnessError("--seed and --seeds exclude each other", hint="Leave --seed out")
+    varying = tuple(method for method in request.methods if not is_deterministic(method))
+    first, *others = seeds
+    return (
+        replace(request, seed=first),
+        *(
+            replace(request, seed=seed, store=_store(request.store, seed), methods=varying)
+            for seed in others
+        ),
+    )
 
 
 def seed_runs(store: RunStore) -> tuple[RunStore, ...]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, rigid_inverse
-from harness.core.errors import MethodError
+from harness.core.errors import HarnessError, MethodError
 from methods.feedforward.memory import NetworkSize
 from methods.feedforward.source import NetworkSettings, Prepared, fitted_photos, required
 from methods.foreign.exchange import Answer
@@ -40,6 +40,22 @@ class DepthAnything3:
     title: str = "Depth Anything 3 BASE"
     alignments: tuple[str, ...] = _ALIGNMENTS
     worker_module: ClassVar[str] = "methods.feedforward.workers.da3.worker"
+
+    def check(self, settings: NetworkSettings) -> None:
+        """Refuse another fit or precision than the package's own.
+
+        Raises:
+            HarnessError: either.
+        """
+        for name, value, own in (
+            ("fit", settings.fit, "fit"),
+            ("precision", settings.precision, "auto"),
+        ):
+            if value != own:
+                raise HarnessError(
+                    f"setting 'network.{name}' of Depth Anything 3 cannot be '{value}'",
+                    expected=f"{own}, since its package decides that itself",
+                )
 
     def size(self, weights_bytes: int) -> NetworkSize:
         """As published: 12 blocks of 768 numbers, of which two sets are handed on."""
@@ -98,6 +114,9 @@ class MapAnything:
     title: str = "MapAnything (Apache)"
     alignments: tuple[str, ...] = _ALIGNMENTS
     worker_module: ClassVar[str] = "methods.feedforward.workers.mapanything.worker"
+
+    def check(self, settings: NetworkSettings) -> None:
+        """It takes notice of all."""
 
     def size(self, weights_bytes: int) -> NetworkSize:
         """About: 24 blocks of 1024 numbers for photos, and as many for what they share."""

@@ -103,6 +103,14 @@ class Dialect(Protocol):
         """See ``PointSource``."""
         ...
 
+    def check(self, settings: NetworkSettings) -> None:
+        """Refuse settings that the network would take no notice of.
+
+        Raises:
+            HarnessError: it names one.
+        """
+        ...
+
     def size(self, weights_bytes: int) -> NetworkSize:
         """How large the network is, for an estimate of its memory."""
         ...
@@ -132,6 +140,9 @@ class NetworkSource:
     find: Find
     settings: NetworkSettings
     view_count: int
+
+    def __post_init__(self) -> None:
+        self.dialect.check(self.settings)
 
     @property
     def worker(self) -> Worker:

@@ -33,6 +33,9 @@ class Vggt:
     alignments: tuple[str, ...] = ("sim3_cameras", "known_cameras", "oracle_icp")
     worker_module: ClassVar[str] = "methods.feedforward.workers.vggt.worker"
 
+    def check(self, settings: NetworkSettings) -> None:
+        """It takes notice of all."""
+
     def size(self, weights_bytes: int) -> NetworkSize:
         """As published: 24 blocks that hand on 2048 numbers for each patch."""
         return NetworkSize(weights_bytes, width=2048, blocks=24, patch=_PATCH)

@@ -126,7 +126,7 @@ class CommandMethod:
             )
         with context.stage("mesh"):
             mesh = in_our_world(self._mesh(answer / self.file.mesh, ended.log), self.file.up)
-        return Reconstruction(mesh=mesh, details={"environment": asdict(self.environment())})
+        return Reconstruction(mesh=mesh, details={"environment": self.environment().told()})
 
     def _mesh(self, path: Path, log: str) -> Mesh:
         if path.is_symlink() or not path.is_file():

@@ -8,7 +8,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,11 @@ __all__ = ["ForeignEnvironment", "environment_for", "files_sha256"]
 
 _LIMIT_S = 120
 _MOST_FILES = 5000
+#: Where a distribution was installed from a folder of this machine.
+_LOCAL = "file://"
+_VENV_MARK = "pyvenv.cfg"
+#: Folders that a virtual environment has.
+_OF_VENV = ("bin", "include", "lib", "lib64", "share", "Include", "Lib", "Scripts")
 _NOT_CODE = ("__pycache__", ".git", ".mypy_cache", ".pytest_cache", ".ruff_cache")
 #: Standard library only, for any Python from 3.8 on. An editable install has no version to go by.
 _PROBE = """
@@ -61,6 +66,11 @@ class ForeignEnvironment:
         """Content id of all of it."""
         return content_hash(asdict(self))
 
+    def told(self) -> dict[str, object]:
+        """Plain JSON values for a record, which does not say where packages lie on this machine."""
+        names = [each.partition(" ")[0] if _LOCAL in each else each for each in self.distributions]
+        return {**asdict(self), "distributions": names}
+
     @property
     def text(self) -> str:
         """A few words for a record."""
@@ -75,8 +85,8 @@ def environment_for(method: MethodFile, launch: Launch) -> ForeignEnvironment:
     Raises:
         MissingPart: the program, interpreter, conda environment or image does not run.
     """
-    if not any("{python}" in word for word in method.command) and not launch.engine:
-        return _program(method)
+    if not launch.engine and not any("{python}" in word for word in method.command):
+        return _without_python(method, launch)
     words = tuple(launch.words([launch.python, "-c", _PROBE]))
     known = _KNOWN.get(words)
     if known is None or known.stamps != _stamps(known.stamps):
@@ -159,6 +169,24 @@ def _broken(method: MethodFile, program: str, got: str) -> MissingPart:
     )
 
 
+def _without_python(method: MethodFile, launch: Launch) -> ForeignEnvironment:
+    """That of a command which does not name its Python: the program, and what it may call."""
+    if launch.conda:
+        # Its programs, and all packages with their builds, whatever language they are of.
+        lines = _run(method, launch, _conda_list(launch.conda[0], method.conda)).splitlines()
+        packages = (line.strip() for line in lines if not line.lstrip().startswith("#"))
+        return ForeignEnvironment("conda", "", tuple(sorted(filter(None, packages))))
+    program = _program(method)
+    if method.python is None:
+        return program
+    found = environment_for(replace(method, command=("{python}",)), launch)
+    return replace(found, program=program.program)
+
+
+def _conda_list(conda: str, name: str) -> list[str]:
+    return [conda, "list", "--export", "--name", name]
+
+
 def _program(method: MethodFile) -> ForeignEnvironment:
     """That of a command that is no Python: the program itself."""
     word = method.command[0].replace("{folder}", str(method.folder))
@@ -192,10 +220,15 @@ def _files(folder: Path) -> Iterator[Path]:
     for name, below, files in os.walk(folder, followlinks=True):
         place = Path(name).resolve()
         # A virtual environment counts by what is installed in it.
-        if place in seen or "pyvenv.cfg" in files:
+        is_venv = _VENV_MARK in files
+        if place in seen or (is_venv and Path(name) != folder):
             below.clear()
             continue
         seen.add(place)
+        if is_venv:
+            # The method's own folder was made one: its files lie beside the environment's.
+            below[:] = [each for each in below if each not in _OF_VENV]
+            files.remove(_VENV_MARK)
         below[:] = sorted(each for each in below if each not in _NOT_CODE)
         for file in sorted(files):
             path = Path(name, file)

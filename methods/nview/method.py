@@ -18,13 +18,13 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 
 from harness.core.arrays import Floats
-from harness.core.artifacts import Body, Capture, Reconstruction
+from harness.core.artifacts import Body, Capture, NormalMaps, Reconstruction
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.process.freed_memory import give_freed_memory_back
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, even_places
 from harness.core.settings import by_room, overridden
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
@@ -150,13 +150,18 @@ class FusedMethod:
             MissingPart: the body model, MediaPipe, or a network is not installed.
         """
         settings = self.settings
+        total = len(capture.cameras)
         capture = even_choice(capture, settings.views)
         with context.stage("outlines"):
             outlines = checked_views(outline_views(capture, range(len(capture.cameras))))
         person = self._person(capture, outlines, context)
         with context.stage("normals"):
             views, shown = self._with_normals(capture, outlines, person.shape, context)
-        normals = tuple(map(result_maps, shown)) if person.body else ()
+        normals: tuple[NormalMaps, ...] = ()
+        if person.body:
+            # Others count all photos.
+            places = even_places(len(capture.cameras), total)
+            normals = tuple(replace(result_maps(m), view=places[m.view.index]) for m in shown)
         # What the network worked with would else be held beside the largest surfaces.
         give_freed_memory_back()
         start, fused = self._fused(views, person.shape, context)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import itertools
 import platform
+import re
 import time
 import uuid
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from harness.core.process.interrupts import require_not_stopped
 __all__ = ["LockProbe", "Mount", "host_local_locks", "mount_of", "probe_locks"]
 
 _MOUNTS = Path("/proc/self/mounts")
+_OCTAL = re.compile(r"\\([0-7]{3})")
 #: Kinds of network file systems, and options with which their locks stay on one machine.
 _NETWORK = {
     "nfs": ("nolock", "local_lock=flock", "local_lock=all"),
@@ -60,7 +62,7 @@ def mount_of(folder: Path, mounts: Path = _MOUNTS) -> Mount | None:
         if len(words) < 4:
             continue
         # Blanks in a path are written as octal numbers.
-        place = Path(words[1].encode().decode("unicode_escape"))
+        place = Path(_OCTAL.sub(lambda found: chr(int(found[1], 8)), words[1]))
         is_longer = found is None or len(place.parts) >= len(found.place.parts)
         if folder.resolve().is_relative_to(place) and is_longer:
             found = Mount(place, words[2], tuple(words[3].split(",")))

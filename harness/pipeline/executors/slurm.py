@@ -194,6 +194,9 @@ class _Round:
         """Take the answers that are there; how many."""
         found = 0
         for path in sorted(self._answers.glob("*.json")):
+            if path.name.startswith("."):
+                # Still being written, and not ours to delete.
+                continue
             try:
                 answer = Answer.from_dict(read_json(path))
             except DataError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Any
 
 from harness.core.errors import HarnessError, did_you_mean
@@ -88,7 +89,11 @@ class ChosenMethod:
         info = self.method.info
         if self.row == self.name:
             return info
-        changed = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
+        # A title goes into tables: of a file on this machine, only its name.
+        changed = ", ".join(
+            f"{name}={PurePath(value).name if value.startswith('/') else value}"
+            for name, value in sorted(self.settings.items())
+        )
         return replace(info, name=self.row, title=f"{info.title}, {changed}")
 
     def require_installed(self) -> None:

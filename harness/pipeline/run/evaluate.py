@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MissingPart
+from harness.core.files.names import named_from
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.pipeline.executors.local import Local
@@ -254,7 +255,11 @@ def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
 def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
     assert result.status != "changed"
     capture = cell.files.capture if cell.files else None
-    within = request.source.workspace.within
+    source = request.source
+
+    def told(message: str) -> str:
+        return source.workspace.within(named_from(message, source.root().parent))
+
     return Record(
         key=cell.key,
         method=cell.info,
@@ -265,11 +270,11 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         capture=_stamp(capture) if capture else CaptureStamp(),
         seed=request.seed,
         status=result.status,
-        reason=within(result.reason),
+        reason=told(result.reason),
         metrics=result.scores.metrics,
         regions=result.scores.regions,
         normal_maps=result.scores.normal_maps,
-        warnings=tuple(map(within, result.scores.warnings)),
+        warnings=tuple(map(told, result.scores.warnings)),
         diagnostics=result.scores.diagnostics,
         stages=result.stages,
         shared_work=result.shared_work,

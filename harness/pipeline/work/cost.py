@@ -25,6 +25,7 @@ class StageMeter:
         self.stages: list[StageCost] = []
         self._open = 0
         self._borrowed: list[StageCost] = []
+        self._waited_s = 0.0
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -33,12 +34,12 @@ class StageMeter:
         gpu = _Gpu()
         before, self._borrowed = self._borrowed, []
         self._open += 1
-        start = time.perf_counter()
+        start = self._now_s()
         try:
             with peak:
                 yield
         finally:
-            cost = StageCost(name, time.perf_counter() - start, peak.mib, gpu.peak_mib())
+            cost = StageCost(name, self._now_s() - start, peak.mib, gpu.peak_mib())
             self.stages.append(_sum(cost, self._borrowed))
             self._borrowed = before
             self._open -= 1
@@ -50,11 +51,23 @@ class StageMeter:
         Nothing is counted twice: within a stage the block counts as part of that stage.
         """
         own: list[StageCost] = []
-        first, peak, gpu, start = len(self.stages), _PeakMemory(), _Gpu(), time.perf_counter()
+        first, peak, gpu, start = len(self.stages), _PeakMemory(), _Gpu(), self._now_s()
         with peak:
             yield own
-        whole = StageCost(name, time.perf_counter() - start, peak.mib, gpu.peak_mib())
+        whole = StageCost(name, self._now_s() - start, peak.mib, gpu.peak_mib())
         own.extend(self.stages[first:] or [whole])
+
+    @contextlib.contextmanager
+    def waiting_for(self, held: contextlib.AbstractContextManager[None]) -> Iterator[None]:
+        """Hold something; waiting until it could be had is no part of any stage's time."""
+        start = time.perf_counter()
+        with held:
+            self._waited_s += time.perf_counter() - start
+            yield
+
+    def _now_s(self) -> float:
+        """A clock that stands still while others are waited for."""
+        return time.perf_counter() - self._waited_s
 
     def add(self, stages: Sequence[StageCost]) -> None:
         """Count work that was done earlier at what it cost then.

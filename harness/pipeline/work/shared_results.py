@@ -68,7 +68,8 @@ class SharedResults:
         """
         key = _key(work)
         path = self.folder / re.sub(r"\W+", "-", work.name) / f"{key}.npz"
-        with exclusive_lock(path.with_suffix(".lock")):
+        # Who waits while another makes it is charged what it cost, and not for the waiting, too.
+        with self.meter.waiting_for(exclusive_lock(path.with_suffix(".lock"))):
             remove_leftovers(path)
             if path.is_file():
                 try:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from statistics import stdev
 
 import pytest
+from typer.testing import CliRunner
 
+from harness.cli.main import app
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
@@ -24,6 +27,7 @@ from harness.pipeline.seeds import (
     evaluate_seeds,
     is_deterministic,
     parsed_seeds,
+    seed_requests,
     seed_runs,
     table_of_seeds,
 )
@@ -112,6 +116,14 @@ def test_each_seed_is_a_run_of_the_methods_that_it_can_change(tmp_path, monkeypa
     assert [each.store for each in done] == list(seed_runs(store))
     assert RunStore.existing(Workspace(tmp_path), None) == store
 
+    assert [(each.seed, len(each.methods)) for each in seed_requests(request, (0, 1, 12))] == [
+        (0, 2),
+        (1, 1),
+        (12, 1),
+    ]
+    with pytest.raises(HarnessError, match="--seed and --seeds exclude each other"):
+        seed_requests(replace(request, seed=3), (0, 1))
+
     asked.clear()
     once = evaluate_seeds(replace(request, methods=methods[:1]), (0, 1), told)
     assert [each.summary is None for each in once] == [False, True]
@@ -173,3 +185,20 @@ def test_a_subject_that_failed_under_one_seed_counts_under_none():
 def test_a_run_of_one_seed_has_no_such_table(tmp_path: Path):
     with pytest.raises(HarnessError, match="run 'main' has one seed.*--seeds"):
         table_of_seeds(RunStore(tmp_path / "runs" / "main"), None, None)
+
+
+def test_a_plan_shows_every_seed(tmp_path: Path):
+    words = ["eval", "--dataset", "avatars-tiny", "--method", "hull8,jmbo8", "--dry-run",
+             "--workspace", f"{tmp_path}", "--seeds", "0..1"]  # fmt: skip
+    shown = CliRunner().invoke(app, words).stdout.splitlines()
+    assert shown[-1] == "6 of 6 cells would run"
+    assert [line.split()[:4] for line in shown[:-3]] == [
+        ["seed", f"{seed}", method, subject]
+        for seed, methods in ((0, ("hull8", "jmbo8")), (1, ("jmbo8",)))
+        for subject in ("a01", "a02")
+        for method in methods
+    ]
+    cells = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
+    assert [cell["seed"] for cell in cells] == [0, 0, 0, 0, 1, 1]
+    refused = CliRunner().invoke(app, [*words, "--seed", "3"])
+    assert "--seed and --seeds exclude each other" in str(refused.exception)

@@ -36,7 +36,6 @@ from harness.cli.options import (
 )  # fmt: skip
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
-from harness.core.errors import HarnessError
 from harness.data.manifest import load_manifest
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
@@ -48,7 +47,7 @@ from harness.pipeline.run.evaluate import EvalSummary
 from harness.pipeline.run.evaluate import evaluate as carry_out
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
-from harness.pipeline.seeds import evaluate_seeds, parsed_seeds
+from harness.pipeline.seeds import evaluate_seeds, parsed_seeds, seed_requests
 
 __all__ = ["app"]
 
@@ -149,7 +148,7 @@ def evaluate(
         executor=where.executor(place, jobs),
     )
     if dry_run:
-        _show_plan(request, as_json=as_json)
+        _show_plan(request, seeds, as_json=as_json)
     elif seeds:
         _run_seeds(request, seeds, as_json=as_json)
     else:
@@ -162,19 +161,27 @@ def _methods(
     return chosen_methods(names, settings, row, parsed_parts(parts), AddedMethods.of(place))
 
 
-def _show_plan(request: EvalRequest, *, as_json: bool) -> None:
+def _show_plan(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
+    requests = seed_requests(request, parsed_seeds(seeds)) if seeds else (request,)
     announce(request.source.manifest, request.source.name, shown_progress())
-    cells = plan(request)
+    plans = [plan(each) for each in requests]
     if as_json:
-        print_json([cell.to_dict() for cell in cells])
+        cells = [
+            {**cell.to_dict(), **({"seed": each.seed} if len(requests) > 1 else {})}
+            for each, found in zip(requests, plans, strict=True)
+            for cell in found
+        ]
+        print_json(cells)
         return
-    for cell in cells:
-        print(f"{cell.method.row:18} {cell.subject:10} {cell.state:7} {cell.why}")
+    for each, found in zip(requests, plans, strict=True):
+        of_seed = f"seed {each.seed:<5} " if len(requests) > 1 else ""
+        for cell in found:
+            print(f"{of_seed}{cell.method.row:18} {cell.subject:10} {cell.state:7} {cell.why}")
     for chosen in request.methods:
         used = "; ".join(f"{part.role} {part.name} ({part.licence})" for part in chosen.info.parts)
         print(f"{chosen.row:18} parts: {used or 'none'}")
-    waiting = sum(cell.state == "run" for cell in cells)
-    print(f"{waiting} of {len(cells)} cells would run")
+    states = [cell.state for found in plans for cell in found]
+    print(f"{states.count('run')} of {len(states)} cells would run")
 
 
 def _run(request: EvalRequest, *, as_json: bool) -> None:
@@ -199,8 +206,6 @@ def _show_machines(request: EvalRequest, summary: EvalSummary) -> None:
 
 
 def _run_seeds(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
-    if request.seed:
-        raise HarnessError("--seed and --seeds exclude each other", hint="Leave --seed out")
     with shown_progress(quiet=as_json) as progress:
         done = evaluate_seeds(request, parsed_seeds(seeds), progress)
     found = [(each, each.summary) for each in done if each.summary is not None]

@@ -103,6 +103,8 @@ def score(
     elif dataset and gt is None:
         if not name:
             raise HarnessError("a folder needs a name", hint="Give --name mymethod")
+        if points is not None:
+            raise HarnessError("--points is of a single mesh", got="a folder", hint="Give --gt")
         place = Workspace.default(workspace)
         truth = ScanSet.select(checked, place, dataset, split_names(subjects))
         look = Look("scores of meshes", truth.name, truth.subjects, reason, (name,))

@@ -194,7 +194,11 @@ def calibrate(
             f"parts of the kind '{kind}' have nothing to calibrate", expected=SMPLX.about.name
         )
     if forget:
-        print(forget_smplx())
+        told = forget_smplx()
+        if as_json:
+            print_json({"done": told})
+        else:
+            print(told)
         return
     request = CalibrationRequest(
         manifest=load_manifest(manifest),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.errors import DataError, MethodError, MissingPart
+from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
@@ -232,3 +232,11 @@ def test_the_package_has_to_be_there_and_the_weights_complete(part, parts_folder
     with pytest.raises(DataError, match=r"no model\.safetensors"):
         part.add(snapshot, python)
     assert not part.folder.exists()
+
+
+@pytest.mark.parametrize("setting", ["network.fit=crop", "network.precision=bf16"])
+def test_settings_that_its_package_decides_are_refused(setting):
+    name, value = setting.split("=")
+    with pytest.raises(HarnessError, match=f"'{name}' of Depth Anything 3 cannot be '{value}'"):
+        da3_8.configured({name: value})
+    assert mapanything8.configured({name: value}).info.parameters["network"]

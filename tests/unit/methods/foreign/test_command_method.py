@@ -18,6 +18,7 @@ from harness.core.errors import HarnessError
 from harness.core.files.hashing import file_sha256
 from harness.core.protocols import Configurable, Context, Method
 from methods.foreign.command_method import CommandMethod
+from methods.foreign.environment import ForeignEnvironment
 from methods.foreign.method_file import METHOD_FILE
 from tests.unit.methods.foreign.toys import MIDDLE, RADIUS, described
 
@@ -160,6 +161,11 @@ def test_its_files_count_and_what_python_writes_does_not(folder):
     (folder / ".venv").mkdir()
     (folder / ".venv" / "pyvenv.cfg").write_text("home = /usr/bin\n")
     assert method.info.identity() == before
+    # As after `python -m venv .` beside the method's own files.
+    (folder / "pyvenv.cfg").write_text("home = /usr/bin\n")
+    (folder / "lib").mkdir()
+    (folder / "lib" / "module.py").write_text("")
+    assert method.info.identity() == before
     (folder / "weights.bin").write_bytes(b"1")
     with_weights = method.info.identity()
     assert with_weights != before
@@ -189,6 +195,38 @@ def test_a_program_that_is_no_python_counts_itself(folder, capture, context):
     assert method.environment().python == ""
     assert method.environment().program == file_sha256(program)
     assert len(method.reconstruct(capture, context).mesh.faces) == 1
+
+
+def test_what_a_command_without_a_named_python_runs_on_counts(folder, make_interpreter, tmp_path):
+    python = make_interpreter(tmp_path / "own")
+    command = 'command = ["sh", "run.sh", "{photos}", "{mesh}"]'
+    plain = described(folder, command, without="command").environment()
+    found = described(folder, command, f'python = "{python}"', without="command").environment()
+    assert found.distributions == (f"numpy=={np.__version__}",)
+    assert found.program == plain.program == file_sha256(Path(shutil.which("sh") or ""))
+    assert plain.distributions == ()
+
+
+def test_packages_of_a_conda_environment_count_whatever_is_run(folder, tmp_path, monkeypatch):
+    conda, packages = tmp_path / "conda", tmp_path / "packages"
+    conda.write_text(f'#!/bin/sh\necho "# $*"\ncat {packages}\n')
+    conda.chmod(0o755)
+    monkeypatch.setenv("CONDA_EXE", str(conda))
+    command = 'command = ["tool", "{photos}", "{mesh}"]'
+    method = described(folder, 'conda = "toy-env"', command, without="command")
+    packages.write_text("zlib=1.3.1=hb9d3cd8_2\ntool=2.0=0\n")
+    assert method.environment().distributions == ("tool=2.0=0", "zlib=1.3.1=hb9d3cd8_2")
+    before = method.info.identity()
+    packages.write_text("zlib=1.3.1=hb9d3cd8_2\ntool=2.1=0\n")
+    assert method.info.identity() != before
+
+
+def test_a_record_does_not_say_where_packages_lie():
+    near = 'mine==1.0 {"dir_info": {"editable": true}, "url": "file:///home/me/mine"}'
+    far = 'yours==2.0 {"url": "https://example.org/yours.git", "vcs_info": {"vcs": "git"}}'
+    found = ForeignEnvironment("CPython 3.11", "linux", (near, far, "numpy==2.0"))
+    assert found.told()["distributions"] == ["mine==1.0", far, "numpy==2.0"]
+    assert found.told()["python"] == "CPython 3.11"
 
 
 ENGINE = """\

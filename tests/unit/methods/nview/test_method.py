@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.artifacts import Capture, image_name
+from harness.core.artifacts import Body, Capture, image_name
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
@@ -17,7 +17,7 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
-from methods.nview.method import mexecon_plus
+from methods.nview.method import FusedMethod, _Person, mexecon_plus
 from methods.nview.views import even_choice
 from tests.unit.methods.stereo.conftest import grain, picture
 
@@ -105,6 +105,21 @@ def test_from_files_to_a_surface_without_a_body(small_ball, ring, tmp_path):
     assert len(fusion["moved_mm"]) == fusion["rounds"]
     # Plain grey shows nothing that photos could agree on.
     assert found.details["photos"]["points"] == 0
+
+
+def test_maps_of_some_views_say_which_photos_they_are_of(small_ball, ring, tmp_path, monkeypatch):
+    body = Body("a ball", small_ball.vertices, np.zeros((1, 3)), small_ball.faces)
+    person = _Person(small_ball, body, np.zeros((0, 3)), {})
+    monkeypatch.setattr(FusedMethod, "_person", lambda *_: person)
+    settings = {"nview.views": "4", "nview.normals": "oracle", "nview.photos": "off",
+                "nview.rounds": "1", **SMALL}  # fmt: skip
+    capture = photograph(small_ball, ring(8), tmp_path)
+    found = mexecon_plus.configured(settings).reconstruct(capture, context(tmp_path, small_ball))
+    # The front and the back of the four are photos 0 and 4 of the eight.
+    assert [maps.view for maps in found.normals] == [0, 4]
+    for maps in found.normals:
+        seen = capture.cameras[maps.view]
+        np.testing.assert_array_equal(maps.camera.world_to_camera, seen.world_to_camera)
 
 
 def test_outlines_alone(small_ball, ring, tmp_path):

@@ -85,3 +85,14 @@ def test_nobody_else_and_what_a_killed_probe_left_say_nothing(
     (tmp_path / ".lock-probe" / "0.json").write_text(json.dumps(left))
 
     assert probe_locks(tmp_path, 0.3) == LockProbe(None)
+
+
+def test_mounts_are_found_by_names_in_any_script(tmp_path):
+    folder = tmp_path / "Données 3"
+    folder.mkdir()
+    written = str(folder).replace(" ", "\\040")
+    mounts = tmp_path / "mounts"
+    mounts.write_text(f"disk / ext4 rw 0 0\nserver {written} nfs4 rw,nolock 0 0\n")
+    found = locks.mount_of(folder / "runs", mounts)
+    assert found is not None
+    assert (found.place, found.kind) == (folder, "nfs4")

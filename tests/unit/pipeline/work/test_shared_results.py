@@ -124,6 +124,25 @@ def test_within_a_stage_it_is_part_of_the_stage(work, share):
     assert meter.stages[0].wall_s >= 0.05 > meter.stages[1].wall_s
 
 
+def test_waiting_while_another_makes_it_costs_nothing_more(work, share):
+    began = threading.Event()
+
+    def make():
+        began.set()
+        time.sleep(0.4)
+        return VALUES
+
+    slow, meter = replace(work, make=make), StageMeter()
+    maker = threading.Thread(target=lambda: share()(slow))
+    maker.start()
+    began.wait()
+    with meter.stage("landmarks"):
+        share(meter)(slow)
+    maker.join()
+    (stage,) = meter.stages
+    assert 0.4 <= stage.wall_s < 0.7
+
+
 def test_what_is_borrowed_adds_time_and_lifts_the_peak():
     meter = StageMeter()
     with meter.stage("all"):
