@@ -163,10 +163,14 @@ def _candidates(folder: Path, base: Path, name: str) -> Iterator[Path]:
 
 
 def find_mask(folder: Path, photo: Path) -> Path | None:
-    """A photo's mask in a folder of masks: of the same name, or with its extension added."""
+    """A photo's mask in a folder of masks: of the same name, or with its extension added.
+
+    The folder may be that of the photos; no photo is its own mask.
+    """
     names = [photo.name, f"{photo.name}.png", f"{photo.stem}.png", f"{photo.stem}_mask.png",
              *(f"{photo.stem}{suffix}" for suffix in PICTURE_SUFFIXES)]  # fmt: skip
-    return next((folder / name for name in names if (folder / name).is_file()), None)
+    found = (folder / name for name in names if (folder / name).is_file())
+    return next((path for path in found if not path.samefile(photo)), None)
 
 
 def read_photo(path: Path, view: ForeignView, mask: Path | None = None) -> TakenPhoto:

@@ -344,3 +344,10 @@ def test_photos_are_in_natural_order(tmp_path):
     for name in ("p10.jpg", "p9.jpg", "p1.JPG", "note.txt"):
         (tmp_path / name).write_bytes(b"")
     assert [path.name for path in find_photos(tmp_path)] == ["p1.JPG", "p9.jpg", "p10.jpg"]
+
+
+def test_a_photo_is_not_its_own_mask(tmp_path):
+    for name in ("0001.jpg", "0001_mask.png", "0002.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert find_mask(tmp_path, tmp_path / "0001.jpg") == tmp_path / "0001_mask.png"
+    assert find_mask(tmp_path, tmp_path / "0002.png") is None
