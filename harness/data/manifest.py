@@ -23,6 +23,7 @@ from harness.core.units import UNITS_RULE
 from harness.data.yaml_lines import read_yaml
 
 __all__ = [
+    "SHAREABLE",
     "Dataset",
     "Manifest",
     "Split",
@@ -33,6 +34,8 @@ __all__ = [
     "subject_range",
 ]
 
+#: Licences that let everybody pass the data on.
+SHAREABLE = ("CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "PDDL-1.0")
 _SCALE_RULE = re.compile(rf"fit|metres|{UNITS_RULE}|height=\d+(\.\d+)?")
 _RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d{1,9})\.\.(?P<prefix2>\D*)(?P<high>\d{1,9})")
 _MOST_SUBJECTS, _MOST_SHOWN = 10_000, 40
@@ -111,6 +114,11 @@ class Dataset(_Strict):
     sealed: bool = False
     source: str = ""
     sha256: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def may_be_passed_on(self) -> bool:
+        """Whether everybody may pass scans and photos on: ``licence`` is in ``SHAREABLE``."""
+        return self.licence in SHAREABLE
 
     @model_validator(mode="before")
     @classmethod

@@ -15,6 +15,7 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
+from harness.core.cameras.rigs import camera_yaw_deg
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
@@ -70,18 +71,17 @@ def qualitative_grid(
     subjects: Sequence[SubjectPanels],
     path: Path,
     scale: ErrorScale,
-    views: tuple[int, int] = (0, 4),
 ) -> None:
     """Write the figure: photo, each method with its errors, scan; one row per subject.
 
-    Photo and scan have two panels, front and back; a method has a third for its errors. All panels
-    have one scale, and all panels of a subject and view one camera and one crop.
+    Photo and scan have two panels, front and back (the view nearest to opposite of the front); a
+    method has a third for its errors. All panels have one scale, and all panels of a subject and
+    view one camera and one crop.
 
     Args:
         subjects: One row each; all with the same methods in the same order.
         path: PNG, PDF or SVG, by its extension.
         scale: Colours of the errors, for the whole figure.
-        views: Front and back view of the captures.
 
     Raises:
         HarnessError: no subjects, or not the same methods for all.
@@ -90,8 +90,14 @@ def qualitative_grid(
     titles = [[method.title for method in subject.methods] for subject in subjects]
     if not titles or any(row != titles[0] for row in titles):
         raise HarnessError("a grid needs subjects with the same methods", got=str(titles))
+    views = [_front_and_back(subject.capture) for subject in subjects]
     frames = panel_windows(
-        [(s.truth, s.capture.cameras[view]) for s in subjects for view in views], _PANEL_INCH
+        [
+            (subject.truth, subject.capture.cameras[view])
+            for subject, pair in zip(subjects, views, strict=True)
+            for view in pair
+        ],
+        _PANEL_INCH,
     )
     columns = 4 + 3 * len(titles[0])
     figure, axes = canvas((len(subjects), columns), frames[0].window, _PANEL_INCH)
@@ -100,20 +106,29 @@ def qualitative_grid(
         axes[0][start].set_title(textwrap.fill(title, _TITLE_LENGTH), fontsize=9, loc="left")
     for index, subject in enumerate(subjects):
         pair = frames[2 * index : 2 * index + 2]
-        _draw_subject(subject, axes[index], dict(zip(views, pair, strict=True)), scale)
+        _draw_subject(subject, axes[index], list(zip(views[index], pair, strict=True)), scale)
     colour_bar(figure, axes, scale)
     save(figure, path)
 
 
+def _front_and_back(capture: Capture) -> tuple[int, int]:
+    """The front view, and the one that is nearest to opposite of it."""
+
+    def off_deg(view: int) -> float:
+        yaw = camera_yaw_deg(capture.cameras[view]) - capture.front_yaw_deg
+        return abs((yaw % 360.0) - 180.0)
+
+    return 0, min(range(len(capture.cameras)), key=off_deg)
+
+
 def _draw_subject(
-    subject: SubjectPanels, row: Any, frames: dict[int, PanelWindow], scale: ErrorScale
+    subject: SubjectPanels, row: Any, frames: Sequence[tuple[int, PanelWindow]], scale: ErrorScale
 ) -> None:
     cameras = [
-        frame.of_camera(subject.capture.cameras[view], _LEAST_HEIGHT)
-        for view, frame in frames.items()
+        frame.of_camera(subject.capture.cameras[view], _LEAST_HEIGHT) for view, frame in frames
     ]
     row[0].set_ylabel(subject.capture.subject, fontsize=9)
-    panels = [frame.of_image(photo(subject.capture, view)) for view, frame in frames.items()]
+    panels = [frame.of_image(photo(subject.capture, view)) for view, frame in frames]
     for method in subject.methods:
         caster = Raycaster(method.mesh)
         panels += [on_white(shaded(caster, camera)) for camera in cameras]

@@ -28,6 +28,11 @@ BODY_METRICS = (
 )
 #: More is better, which no bold can say in a table where less is.
 _UNRANKED = frozenset({"silhouette_iou"})
+#: How near a fit can come to the truth, by the model that is fitted where there is a joint error.
+_FAMILIES = {
+    "Anny": "The fitted body is of the family that generated the subjects (Anny)",
+    "SMPL-X": "The true bodies are SMPL-X fits of the scans, of the model that is fitted",
+}
 
 
 def jmbo_table(
@@ -75,7 +80,14 @@ def _about_the_truth(records: Sequence[Record]) -> list[str]:
     """
     if not any("joint_error" in record.metrics for record in records):
         return []
-    remarks = ["The fitted body is of the family that generated the subjects (Anny)"]
+    models = {
+        part.name.partition(" ")[0]
+        for record in records
+        if "joint_error" in record.metrics
+        for part in record.method.parts
+        if part.role == "body model"
+    }
+    remarks = [_FAMILIES[model] for model in sorted(models) if model in _FAMILIES]
     off = {
         record.subject: record.metrics["off_model"].value
         for record in records

@@ -8,7 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from harness.cli.main import app
 from harness.core.errors import HarnessError
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import load_mesh, save_mesh
@@ -16,10 +18,16 @@ from harness.data.manifest import load_manifest
 from harness.pipeline.board.entries import Entry, entries_in
 from harness.pipeline.board.export import export_results
 from harness.pipeline.board.merge import MergedEntry, merge_entry
+from harness.pipeline.board.standing import versions
 from harness.pipeline.board.verify import Truths, Verification, verify_entry
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
 from harness.pipeline.run.store import RunStore
+
+ERRORS = {
+    "area_share": 0.1, "accuracy_mm": 0.01, "completeness_mm": 0.01, "normal_error_deg": 1.0,
+    "missing_share": 0.0, "bulge_share": 0.0, "n_predicted": 10, "n_truth": 10,
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -39,6 +47,13 @@ def verified(world: Path) -> Callable[..., Verification]:
         return verify_entry(entry, Truths(manifest, Workspace(world), **choices), Silent())
 
     return found
+
+
+def failed(entry: Entry, subject: str) -> None:
+    """The subject's result becomes a failure, as a run would hand it in."""
+    nothing = {"metrics": {}, "regions": {}, "normal_maps": [], "files": {}}
+    change(entry.record_path(subject), status="failed", reason="no person was found", **nothing)
+    entry.mesh_path(subject).unlink()
 
 
 def texts(found: Verification) -> list[tuple[str, str]]:
@@ -121,12 +136,101 @@ def test_a_lost_mesh_a_strange_record_and_another_protocol_are_found(
 
 
 def test_a_failure_is_handed_in_as_a_failure(handed_in: Entry, verified: Callable) -> None:
-    change(handed_in.record_path("t1"), status="failed", reason="no person was found", metrics={})
+    failed(handed_in, "t1")
     found = verified(handed_in)
     assert (texts(found), found.failed) == ([], ("t1",))
 
     change(handed_in.record_path("t2"), status="failed", reason="no person was found")
-    assert texts(verified(handed_in)) == [("t2", "failed, but with numbers")]
+    assert texts(verified(handed_in)) == [
+        ("t2", "failed, but with numbers"),
+        ("t2", "failed, but with a mesh"),
+    ]
+
+
+def test_a_subject_that_the_dataset_does_not_have_is_found(
+    handed_in: Entry, verified: Callable
+) -> None:
+    copied = handed_in.record_path("t1").read_text().replace('"t1"', '"t9"')
+    handed_in.record_path("t9").write_text(copied)
+    assert texts(verified(handed_in)) == [("t9", "no subject of toy")]
+    # One split is asked for: others of its dataset are nobody's fault, and an unknown one is.
+    assert texts(verified(handed_in, complete="toy-one")) == [("t9", "no subject of toy")]
+
+
+def test_what_was_not_verified_does_not_go_on_the_board(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    found = merged(handed_in, verified(handed_in, complete="toy-one"), world / "board")
+    assert found.entry.subjects() == ("t1",)
+    assert [path.name for path in sorted(found.entry.directory.iterdir())] == ["t1.json", "t1.ply"]
+
+
+@pytest.mark.parametrize("of", ["record", "mesh"])
+def test_links_are_not_followed(world: Path, handed_in: Entry, verified: Callable, of: str) -> None:
+    place = handed_in.record_path("t2") if of == "record" else handed_in.mesh_path("t2")
+    place.rename(world / "elsewhere")
+    place.symlink_to(world / "elsewhere")
+    found = verified(handed_in)
+    assert texts(found) == [("t2", f"gt/1/{place.name} is a link, not a file")]
+    assert "t2" not in found.scored
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"regions": {"head": ERRORS}}, "a region 'head', which the scan does not have"),
+        ({"created_utc": "9999-01-01T00:00:00+00:00"}, "yet to come"),
+        ({"created_utc": "yesterday"}, "made at 'yesterday', which is no time such as"),
+        ({"created_utc": "2026-01-01T00:00:00+05:00"}, "which is not in UTC"),
+        ({"recipe": "other"}, "their recipe differs"),
+    ],
+)
+def test_other_claims_are_found(
+    handed_in: Entry, verified: Callable, changes: dict, said: str
+) -> None:
+    change(handed_in.record_path("t2"), **changes)
+    ((_, what),) = texts(verified(handed_in))
+    assert said in what
+
+
+def test_a_forged_floor_and_what_is_no_number_are_found(
+    handed_in: Entry, verified: Callable
+) -> None:
+    metrics = json.loads(handed_in.record_path("t1").read_text())["metrics"]
+    metrics["chamfer"]["floor"] = 123.0
+    change(handed_in.record_path("t1"), metrics=metrics)
+    change(handed_in.record_path("t2"), details={"seconds": float("nan")})
+    found = dict(texts(verified(handed_in)))
+    assert found["t1"].startswith("the floor of chamfer is 123.0000, but ")
+    assert "NaN is no number in JSON" in found["t2"]
+
+
+def test_another_state_of_the_method_is_found(handed_in: Entry, verified: Callable) -> None:
+    method = json.loads(handed_in.record_path("t2").read_text())["method"]
+    change(handed_in.record_path("t2"), method={**method, "privileges": []})
+    ((subject, what),) = texts(verified(handed_in))
+    assert subject == ""
+    assert "two states of the method" in what
+
+
+def test_what_a_killed_merge_left_is_no_version(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    board = world / "board"
+    merged(handed_in, verified(handed_in), board)
+    (board / "gt" / ".2.0123456789ab.part").mkdir()
+    assert [entry.version for entry in versions(Entry(board, "gt", "3"))] == ["1"]
+
+
+def test_methods_and_subjects_that_are_not_there_are_told(world: Path, handed_in: Entry) -> None:
+    with pytest.raises(HarnessError, match="no results of 'hull' in"):
+        entries_in(world / "in", ("gt", "hull"))
+    found = CliRunner().invoke(
+        app, ["results", "export", f"{world / 'out'}", "--version", "1", "--subjects", "t1,t7",
+              "--workspace", f"{world}"]
+    )  # fmt: skip
+    assert "no record of subject 't7'" in str(found.exception)
+    assert not (world / "out").exists()
 
 
 def merged(entry: Entry, found: Verification, board: Path) -> MergedEntry:
@@ -153,7 +257,7 @@ def test_a_version_that_lost_a_subject_or_is_wrong_does_not_go_on_the_board(
     merged(handed_in, verified(handed_in), board)
     store = RunStore.existing(Workspace(world), None)
     (second,) = export_results(store, store.records(), "2", world / "in")
-    change(second.record_path("t1"), status="failed", reason="ran out of memory", metrics={})
+    failed(second, "t1")
 
     with pytest.raises(HarnessError, match=r"lost subjects that gt/1 has \(got t1\)"):
         merged(second, verified(second), board)
@@ -214,3 +318,20 @@ def test_the_command_finds_a_tampered_mesh_a_changed_number_and_a_missing_subjec
     assert any(what.startswith("p2s_accuracy is 0.0000 mm") for what in told["t1"])
     assert [what.split(" is ")[0] for what in told["t2"]] == ["normal_error"]
     assert told["t3"] == ["no record"]
+
+
+def test_scans_that_may_not_be_passed_on_are_not_handed_in(
+    world: Path, harness: Callable, measured: None
+) -> None:
+    manifest = world / "data_manifest.yaml"
+    manifest.write_text(manifest.read_text().replace("licence: CC0-1.0", "licence: theirs"))
+    refused = harness("results", "export", "in", "--version", "1", "--method", "gt")
+    assert refused.returncode == 2
+    assert "the meshes of gt are scans that may not be passed on" in refused.stderr
+    assert not (world / "in").exists()
+    assert harness("eval", "--dataset", "toy", "--recipe", "tiny", "--method", "hull8",
+                   "--subjects", "t1", "--set", "hull.voxel_m=0.05").returncode == 0  # fmt: skip
+    done = harness("results", "export", "in", "--version", "1")
+    assert done.returncode == 0
+    assert "left out: the meshes of gt are scans" in done.stderr
+    assert [path.name for path in (world / "in").iterdir()] == ["hull8"]

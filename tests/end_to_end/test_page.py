@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.errors import HarnessError
+from harness.core.errors import DataError, HarnessError
 from harness.core.formats.mesh_files import load_mesh
 from harness.data.manifest import load_manifest
 from harness.geometry.surface import SurfaceIndex
@@ -162,3 +163,48 @@ def test_a_changed_mesh_is_refused(write: Callable, world: Path) -> None:
     with pytest.raises(HarnessError, match="is not what its record measured"):
         write("page")
     assert not (world / "page").exists()
+
+
+@pytest.mark.usefixtures("measured")
+def test_a_page_does_not_show_a_scan_that_nothing_was_measured_against(
+    write: Callable, world: Path
+) -> None:
+    path = world / "scans" / "model" / "t2" / "t2.obj"
+    path.write_text(f"{path.read_text()}\n")
+    with pytest.raises(DataError, match="the scan of t2 changed since gt on t2 was evaluated"):
+        write("page")
+    assert not (world / "page").exists()
+
+
+@pytest.mark.usefixtures("measured")
+@pytest.mark.parametrize("figure", ["overlay", "qualitative"])
+def test_neither_page_nor_figure_shows_photos_that_no_method_saw(
+    write: Callable, world: Path, harness: Callable, figure: str
+) -> None:
+    assert harness("eval", "--dataset", "toy", "--recipe", "tiny", "--method", "hull8",
+                   "--subjects", "t1", "--set", "hull.voxel_m=0.05").returncode == 0  # fmt: skip
+    path = world / "captures" / "toy" / "t1" / "tiny" / "capture.json"
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, "key": "another"}))
+    with pytest.raises(DataError, match="the photos of t1 changed since"):
+        write("page", subjects=("t1",))
+    drawn = harness("report", "--figure", figure, "--method", "hull8", "--subjects", "t1")
+    assert drawn.returncode == 3
+    assert "the photos of t1 changed since hull8 on t1 was evaluated" in drawn.stderr
+
+
+@pytest.mark.usefixtures("measured")
+def test_a_page_shows_meshes_that_were_made_elsewhere(
+    write: Callable, world: Path, harness: Callable
+) -> None:
+    folder = world / "mine"
+    folder.mkdir()
+    shutil.copy(next(world.glob("runs/*/gt/t1/mesh.ply")), folder / "t1.ply")
+    scored = harness("score", "mine", "--dataset", "toy", "--subjects", "t1", "--name", "mine")
+    assert scored.returncode == 0, scored.stderr
+    page = write("page", subjects=("t1",), surfaces=("mine",))
+    assert (page / "surfaces" / "mine" / "t1.js").is_file()
+    handed = harness("results", "export", "in", "--version", "1", "--method", "mine")
+    assert handed.returncode == 0, handed.stderr
+    verified = harness("results", "verify", "in", "--dataset", "toy-one", "--json")
+    assert json.loads(verified.stdout)[0]["findings"] == []

@@ -23,6 +23,7 @@ __all__ = [
     "atomic_path",
     "exclusive_lock",
     "read_json",
+    "refuse_constant",
     "remove_leftovers",
     "write_json",
     "write_text",
@@ -163,10 +164,10 @@ def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file.
 
     Raises:
-        DataError: no such file, not JSON (with line and column), or not an object.
+        DataError: no such file, not JSON (with line and column), NaN or infinity, or not an object.
     """
     try:
-        value: object = json.loads(path.read_text(encoding="utf-8"))
+        value: object = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
     except FileNotFoundError as error:
         raise DataError(f"no file at {path}") from error
     except OSError as error:
@@ -178,6 +179,15 @@ def read_json(path: Path) -> dict[str, Any]:
             f"{path} is not a JSON object", expected="{ ... }", got=type(value).__name__
         )
     return value
+
+
+def refuse_constant(name: str) -> float:
+    """Nothing: NaN and infinity are no JSON, though Python reads them; for ``json.loads``.
+
+    Raises:
+        ValueError: always.
+    """
+    raise ValueError(f"{name} is no number in JSON")
 
 
 def _is_object(value: object) -> TypeGuard[dict[str, Any]]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.core.errors import DataError, HarnessError
+from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.names import checked_name, is_name
 from harness.core.records import Record
 
@@ -56,6 +56,12 @@ class Entry:
         """The file of a subject's mesh."""
         return self.directory / f"{checked_name('subject', subject)}.ply"
 
+    def links(self, subject: str) -> tuple[str, ...]:
+        """What of a subject's record, mesh and folders is a link to something else, by its path."""
+        folder = self.directory
+        places = (folder.parent, folder, self.record_path(subject), self.mesh_path(subject))
+        return tuple(str(path.relative_to(self.root)) for path in places if path.is_symlink())
+
     def record(self, subject: str) -> Record:
         """A subject's record.
 
@@ -77,7 +83,7 @@ def entries_in(root: Path, methods: Sequence[str] = ()) -> tuple[Entry, ...]:
     """All entries of a submission or a board, by path; of some methods, where any are named.
 
     Raises:
-        HarnessError: there is none.
+        HarnessError: there is none, or none of a method that is named.
     """
     found = sorted(
         {path.parent for path in root.glob("*/*/*.json")},
@@ -89,6 +95,12 @@ def entries_in(root: Path, methods: Sequence[str] = ()) -> tuple[Entry, ...]:
         if is_name(path.parent.name) and is_name(path.name)
         if not methods or path.parent.name in methods
     )
+    absent = sorted(set(methods) - {entry.method for entry in entries})
+    if entries and absent:
+        known = {path.parent.name for path in found}
+        raise HarnessError(
+            f"there are no results of '{absent[0]}' in {root}", hint=did_you_mean(absent[0], known)
+        )
     if not entries:
         raise HarnessError(
             f"there are no results in {root}",

@@ -8,11 +8,26 @@ from pathlib import Path
 
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory
+from harness.core.privileges import Privilege
 from harness.core.records import Record
+from harness.data.manifest import Manifest
 from harness.pipeline.board.entries import MESH_FILE, Entry
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["export_results"]
+__all__ = ["export_results", "withheld"]
+
+
+def withheld(records: Sequence[Record], manifest: Manifest) -> dict[str, str]:
+    """Methods whose meshes are scans that may not be passed on, with the licence, by name."""
+    found: dict[str, str] = {}
+    for record in records:
+        dataset = manifest.datasets.get(record.dataset)
+        if Privilege.GROUND_TRUTH_MESH in record.privileges and (
+            dataset is None or not dataset.may_be_passed_on
+        ):
+            licence = "unknown" if dataset is None else dataset.licence
+            found[record.method_name] = f"dataset '{record.dataset}', licence {licence}"
+    return found
 
 
 def export_results(

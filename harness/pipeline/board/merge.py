@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass
+from pathlib import Path
 
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory
@@ -71,10 +72,11 @@ def merge_entry(entry: Entry, verified: Verification, board: Entry) -> MergedEnt
             f"{entry.title} has lost subjects that {last.title} has", got=", ".join(lost)
         )
     with atomic_directory(board.directory) as temporary:
-        for subject in entry.subjects():
-            for path in (entry.record_path(subject), entry.mesh_path(subject)):
-                if path.is_file():
-                    shutil.copyfile(path, temporary / path.name)
+        # What was not verified stays away, and a link is not followed.
+        for subject in (*verified.scored, *verified.failed):
+            _copy(entry.record_path(subject), temporary)
+        for subject in verified.scored:
+            _copy(entry.mesh_path(subject), temporary)
     return MergedEntry(
         entry=board,
         subjects=len(proven(board)),
@@ -82,3 +84,7 @@ def merge_entry(entry: Entry, verified: Verification, board: Entry) -> MergedEnt
         before=means(last) if last else {},
         last=last.version if last else "",
     )
+
+
+def _copy(path: Path, folder: Path) -> None:
+    shutil.copyfile(path, folder / path.name, follow_symlinks=False)

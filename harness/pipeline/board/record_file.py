@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.atomic import write_text
+from harness.core.files.atomic import refuse_constant, write_text
 from harness.core.records import Record
 
 __all__ = ["read_record_file", "write_record_file"]
@@ -74,7 +74,7 @@ def read_record_file(path: Path) -> list[Record]:
 
 def _record(line: str, source: str) -> Record:
     try:
-        document = json.loads(line)
+        document = json.loads(line, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
         raise DataError(f"{source} is not JSON", got=str(error), hint=_REMAKE) from error
     if not isinstance(document, dict):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from statistics import fmean
 
+from harness.core.files.names import is_name
 from harness.pipeline.board.entries import Entry
 from reports.tables.geometry import GEOMETRY_METRICS
 
@@ -14,8 +15,10 @@ __all__ = ["last_version", "made_utc", "means", "proven", "versions"]
 def versions(board: Entry) -> tuple[Entry, ...]:
     """All versions of an entry's method on its board, the one that was made last at the end."""
     folder = board.directory.parent
-    paths = [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
-    found = [Entry(board.root, board.method, path.name) for path in paths]
+    paths = folder.iterdir() if folder.is_dir() else ()
+    # A merge that was killed may have left a folder that is no version.
+    names = [path.name for path in paths if path.is_dir() and is_name(path.name)]
+    found = [Entry(board.root, board.method, name) for name in names]
     return tuple(sorted((entry for entry in found if entry.subjects()), key=made_utc))
 
 

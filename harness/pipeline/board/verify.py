@@ -6,28 +6,26 @@ must say what anybody finds who measures that mesh.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.records import Record
-from harness.core.results import MetricValue
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Manifest
 from harness.pipeline.board.entries import MESH_FILE, Entry
+from harness.pipeline.board.proof import date_faults, differences
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
 from harness.pipeline.scoring.meshes import mesh_scores
+from reports.tables.selection import check_comparable, check_one_method
 
 __all__ = ["Finding", "Truths", "Verification", "verify_entry"]
 
-#: The same mesh gives the same numbers; machines differ by their last digits.
-_RELATIVE, _ABSOLUTE = 1e-4, 1e-3
 _TASK = "meshes scored again"
 
 
@@ -122,9 +120,14 @@ class _Verifier:
             scans = self.truths.scans(self.entry, records[0].dataset, self.progress)
             absent = [s for s in scans.subjects if s not in self.entry.subjects()]
             findings += [self._finding(subject, "no record") for subject in absent]
+            findings += self._together(records)
             self.progress.expect(_TASK, len(records))
             for record in records:
                 if record.subject not in scans.subjects:
+                    # Of a split, others of its dataset are left out; a board does not get them.
+                    if record.subject not in scans.dataset.subjects:
+                        what = f"no subject of {scans.name}"
+                        findings.append(self._finding(record.subject, what))
                     continue
                 findings += self._faults(record, scans, unproven)
                 (scored if record.status == "ok" else failed).append(record.subject)
@@ -141,6 +144,9 @@ class _Verifier:
         records: list[Record] = []
         findings: list[Finding] = []
         for subject in self.entry.subjects():
+            if links := self.entry.links(subject):
+                findings.append(self._finding(subject, f"{links[0]} is a link, not a file"))
+                continue
             try:
                 records.append(self.entry.record(subject))
             except HarnessError as error:
@@ -149,6 +155,14 @@ class _Verifier:
         if len(datasets) > 1:
             findings.append(self._finding("", f"records of {' and '.join(datasets)} in one entry"))
         return [record for record in records if record.dataset in datasets[:1]], findings
+
+    def _together(self, records: Sequence[Record]) -> Iterator[Finding]:
+        """Why no table can hold all records, if none can."""
+        try:
+            check_comparable(records)
+            check_one_method([record for record in records if record.status == "ok"])
+        except ProtocolMismatch as error:
+            yield self._finding("", str(error))
 
     def _faults(
         self, record: Record, scans: ScanSet, unproven: dict[str, None]
@@ -164,9 +178,13 @@ class _Verifier:
                 record.subject, f"measured with protocol {record.protocol.text}, {known}"
             )
             return
+        for what in date_faults(record):
+            yield self._finding(record.subject, what)
         if record.status != "ok":
-            if record.metrics:
+            if record.metrics or record.regions or record.normal_maps:
                 yield self._finding(record.subject, f"{record.status}, but with numbers")
+            if self.entry.mesh_path(record.subject).exists():
+                yield self._finding(record.subject, f"{record.status}, but with a mesh")
             return
         try:
             yield from self._mesh_faults(record, scans, protocol, unproven)
@@ -186,23 +204,7 @@ class _Verifier:
                 record.subject, f"the mesh (sha256 {sha256[:12]}…) is not the one that was scored"
             )
         scan, truth = scans.load(record.subject)
-        found = mesh_scores(load_mesh(path), scan, truth, protocol, misplaced="tell").metrics
-        for text in _differences(record.metrics, found):
+        found = mesh_scores(load_mesh(path), scan, truth, protocol, misplaced="tell")
+        for text in differences(record, found):
             yield self._finding(record.subject, text)
-        unproven.update(dict.fromkeys(name for name in record.metrics if name not in found))
-
-
-def _differences(
-    claimed: Mapping[str, MetricValue], found: Mapping[str, MetricValue]
-) -> Iterator[str]:
-    """Metrics of which a record says something else than its mesh shows."""
-    for name, value in found.items():
-        if name not in claimed:
-            yield f"no {name}, which its mesh has: {value.value:.4f} {value.unit}"
-        elif claimed[name].unit != value.unit or not _same(claimed[name].value, value.value):
-            said = f"{claimed[name].value:.4f} {claimed[name].unit}"
-            yield f"{name} is {said} in the record, but {value.value:.4f} {value.unit} of the mesh"
-
-
-def _same(claimed: float, found: float) -> bool:
-    return math.isclose(claimed, found, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
+        unproven.update(dict.fromkeys(name for name in record.metrics if name not in found.metrics))

@@ -15,6 +15,7 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.records import Record
 from harness.geometry.surface import SurfaceIndex
+from harness.pipeline.run.record_inputs import require_scan
 from harness.pipeline.run.store import RunStore
 from metrics.vertices import VertexErrors, vertex_errors
 
@@ -31,12 +32,13 @@ class TrueSurface:
     """A subject's true surface, prepared for queries on the first one.
 
     Attributes:
+        scan: Where it came from.
         mesh: World metres.
         identity: Content id of the scan and its rules.
     """
 
     def __init__(self, scan: Scan, mesh: Mesh) -> None:
-        self.mesh = mesh
+        self.scan, self.mesh = scan, mesh
         self.identity = content_hash(scan.identity())
         self._index: SurfaceIndex | None = None
 
@@ -63,8 +65,10 @@ def measured_mesh(store: RunStore, record: Record, truth: TrueSurface) -> Measur
     in a folder that may not be written is measured each time.
 
     Raises:
-        DataError: the mesh is gone or is not the one that was scored, or kept errors are damaged.
+        DataError: mesh or scan is gone or is not the one that was scored, or kept errors are
+            damaged.
     """
+    require_scan(record, truth.scan)
     mesh = load_mesh(store.result(record, _MESH_FILE))
     path = _path(store, record, truth)
     if path.is_file():

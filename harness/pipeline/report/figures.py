@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
@@ -18,6 +19,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.report.error_cache import TrueSurface, measured_mesh
 from harness.pipeline.report.normal_figure import normals
 from harness.pipeline.report.views_figure import views
+from harness.pipeline.run.record_inputs import require_photos, require_scan
 from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
 from harness.pipeline.run.store import RunStore
 from metrics.regions import FAR_MM
@@ -65,7 +67,7 @@ def qualitative(store: RunStore, source: Source, records: Sequence[Record], path
             errors_mm = found.errors.distance_mm
             largest = max(largest, float(np.percentile(errors_mm, _SCALE_PERCENTILE)))
             meshes.append(MethodMesh(title, found.mesh, errors_mm))
-        capture = source.capture(subject)
+        capture = _photos(source, subject, records, titles)
         panels.append(SubjectPanels(capture, truth.mesh, tuple(meshes)))
     qualitative_grid(panels, path, _scale(source, largest))
     return path
@@ -76,7 +78,7 @@ def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Pa
     subject = source.subjects[0]
     method = next(iter(_complete_methods(records, (subject,))))
     mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
-    overlay_figure(mesh, source.capture(subject), path)
+    overlay_figure(mesh, _photos(source, subject, records, (method,)), path)
     return path
 
 
@@ -92,19 +94,26 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     for method, title in _complete_methods(records, (subject,)).items():
         record = _record(records, method, subject)
         if BODY_FILE in record.files:
+            require_scan(record, scan)
             body = load_body_mesh(store.result(record, BODY_FILE), source=title)
             rows.append(MethodMesh(title, body))
     if not rows:
         raise HarnessError(
             f"no method fitted a body to {subject}", hint="Run 'harness eval --method jmbo8'"
         )
-    true = true_body(scan)
-    fitted = rows[-1].mesh
-    truth = None
-    if true is not None and len(true.vertices) == len(rows[0].mesh.vertices):
-        truth = Mesh(true.vertices, fitted.faces, source="true body")
-    body_overlay(rows, truth, source.capture(subject), path)
+    capture = _photos(source, subject, records, [record.method_name for record in records])
+    body_overlay(rows, _true_mesh(scan, rows), capture, path)
     return path
+
+
+def _true_mesh(scan: Scan, rows: Sequence[MethodMesh]) -> Mesh | None:
+    """The true body, if one of the fitted ones is of its model and has its faces."""
+    true = true_body(scan)
+    if true is None:
+        return None
+    same = (row.mesh for row in rows if len(row.mesh.vertices) == len(true.vertices))
+    faces = next((mesh.faces for mesh in same), None)
+    return None if faces is None else Mesh(true.vertices, faces, source="true body")
 
 
 def failures(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
@@ -154,7 +163,7 @@ def _failure_row(
             measured = measured_mesh(store, record, truth)
             found = FailedMesh(measured.mesh, measured.errors.distance_mm, failure)
         panels.append(FailurePanel(title, found))
-    capture = source.capture(subject)
+    capture = _photos(source, subject, list(shown.values()), titles)
     names = np.array(regions.names)[regions.of_face]
     return FailureRow(capture, mesh, names, tuple(panels))
 
@@ -168,6 +177,21 @@ FIGURES = {
     "normals": normals,
     "views": views,
 }
+
+
+def _photos(
+    source: Source, subject: str, records: Sequence[Record], methods: Iterable[str]
+) -> Capture:
+    """A subject's photos.
+
+    Raises:
+        DataError: one of these methods saw others.
+    """
+    capture, shown = source.capture(subject), set(methods)
+    for record in records:
+        if record.subject == subject and record.method_name in shown:
+            require_photos(record, capture)
+    return capture
 
 
 def _record(records: Sequence[Record], method: str, subject: str) -> Record:

@@ -73,6 +73,8 @@ def _markdown_page(info: MethodInfo) -> Iterator[str]:
 
 
 def _views(info: MethodInfo) -> str:
+    if info.view_count is not None:
+        return f"{info.view_count} of all, as evenly apart as can be"
     if info.views is None:
         return "all"
     return ", ".join(str(view) for view in info.views)

@@ -10,6 +10,7 @@ from harness.core.errors import HarnessError
 from harness.core.records import Record
 from harness.geometry.raycast import Raycaster, Side
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.run.record_inputs import require_photos, require_scan
 from harness.pipeline.run.result_files import NORMALS_FILE, load_normals
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.scoring.normals import true_normals
@@ -51,13 +52,16 @@ def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[
 
 def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     views = load_normals(store.result(record, NORMALS_FILE))
-    _, truth = source.load(record.subject)
+    scan, truth = source.load(record.subject)
+    capture = source.capture(record.subject)
+    require_scan(record, scan)
+    require_photos(record, capture)
     caster = Raycaster(truth.geometry())
     shown: list[tuple[NormalMaps, Side]] = [(maps, "near") for maps in views]
     if len(views) == 1:
         shown.append((views[0], "far"))
     return NormalRow(
-        source.capture(record.subject),
+        capture,
         tuple(_panels(record, maps, side, caster) for maps, side in shown),
     )
 

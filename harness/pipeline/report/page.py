@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.core.errors import HarnessError
 from harness.core.records import Record
-from harness.data.manifest import Dataset, Manifest
+from harness.data.manifest import SHAREABLE, Dataset, Manifest
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.sources import Source
@@ -23,9 +23,6 @@ from reports.page.methods import page_methods
 from reports.page.model import PageModel
 
 __all__ = ["PageRequest", "write_page"]
-
-#: Licences that let everybody pass the data on.
-_SHAREABLE = ("CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "PDDL-1.0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +125,12 @@ def _chosen(request: PageRequest, records: Sequence[Record]) -> list[Record]:
 
 def _check_licence(name: str, dataset: Dataset, *, include: bool) -> None:
     """Refuse to put scans and photos into a folder made for sharing where that is not allowed."""
-    if include or dataset.licence in _SHAREABLE:
+    if include or dataset.may_be_passed_on:
         return
     raise HarnessError(
         f"a page holds the scans and photos of dataset '{name}' and is made to be passed on, which "
         "their licence does not allow",
-        expected=f"a licence such as {', '.join(_SHAREABLE)}",
+        expected=f"a licence such as {', '.join(SHAREABLE)}",
         got=dataset.licence,
         hint="For your own eyes add --include-licensed, and give the folder to nobody whom the "
         "licence does not cover",

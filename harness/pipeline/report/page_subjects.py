@@ -18,6 +18,7 @@ from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress
 from harness.pipeline.report.error_cache import TrueSurface, measured_mesh
+from harness.pipeline.run.record_inputs import require_photos
 from harness.pipeline.run.store import RunStore
 from reports.page.coarse_mesh import coarse_mesh
 from reports.page.compact_mesh import CompactMesh, ScalarColumn
@@ -97,7 +98,7 @@ class SubjectWriter:
         return PageSubject(
             id=subject,
             description=f"{classes.clothing}, {classes.pose}" if classes else "",
-            views=self._write_photos(folder, subject),
+            views=self._write_photos(folder, subject, records),
             surfaces=tuple(surfaces),
         )
 
@@ -117,10 +118,14 @@ class SubjectWriter:
         faces, has_coarse = len(found.mesh.faces), coarse is not None
         return PageSurface(name, record.method.title, faces, values, has_coarse)
 
-    def _write_photos(self, folder: PageFolder, subject: str) -> tuple[PageView, ...]:
+    def _write_photos(
+        self, folder: PageFolder, subject: str, records: Sequence[Record]
+    ) -> tuple[PageView, ...]:
         if self.photos is None:
             return ()
         capture = self.photos.capture(subject)
+        for record in records:
+            require_photos(record, capture)
         cameras = [photo_camera(camera) for camera in capture.cameras]
         pictures = [load_rgba(capture.image_path(view)) for view in range(len(cameras))]
         folder.add_photos(subject, pictures, cameras)

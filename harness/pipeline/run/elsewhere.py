@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import checked_name, named_from
-from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh
+from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh, save_mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record, Status
@@ -26,6 +27,8 @@ from methods.catalog import METHODS
 from metrics.score import Score, score
 
 __all__ = ["FolderRequest", "score_folder", "score_pair"]
+
+_MESH_FILE = "mesh.ply"
 
 
 def score_pair(
@@ -131,6 +134,7 @@ class _Scored:
     by_mesh: bool = True
     scores: Scores = field(default_factory=Scores)
     inputs: Inputs | None = None
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 def _score_subject(
@@ -138,7 +142,8 @@ def _score_subject(
 ) -> Outcome:
     """The subject's record, filed; an earlier good one stays where the truth cannot be read."""
     method = MethodInfo(request.name, request.title, privileges=(Privilege.MADE_ELSEWHERE,))
-    found = _scored(request, method, subject, path)
+    attempt = folder.new_attempt()
+    found = _scored(request, method, subject, path, attempt.results / _MESH_FILE)
     record = Record(
         key=found.inputs.key if found.inputs else "",
         method=method,
@@ -159,11 +164,15 @@ def _score_subject(
         created_utc=utc_now(),
         scale_rule=request.truth.dataset.scale,
         inputs=found.inputs.to_dict() if found.inputs else {},
+        files=found.files,
     )
-    return folder.file(record, folder.new_attempt(), own_failure=found.by_mesh)
+    return folder.file(record, attempt, own_failure=found.by_mesh)
 
 
-def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path | None) -> _Scored:
+def _scored(
+    request: FolderRequest, method: MethodInfo, subject: str, path: Path | None, kept: Path
+) -> _Scored:
+    """A mesh's scores; what was scored is kept, so that it can be looked at and handed in."""
     if path is None:
         return _Scored("missing", f"no mesh of {subject} in {request.folder}")
     try:
@@ -179,4 +188,6 @@ def _scored(request: FolderRequest, method: MethodInfo, subject: str, path: Path
         return _Scored("failed", str(error), inputs=inputs)
     if file_sha256(path) != inputs.mesh:
         return _Scored("failed", f"{path} changed while it was scored")
-    return _Scored("ok", scores=scores, inputs=inputs)
+    save_mesh(kept, predicted.geometry())
+    files = {kept.name: file_sha256(kept)}
+    return _Scored("ok", scores=scores, inputs=inputs, files=files)

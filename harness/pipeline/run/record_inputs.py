@@ -16,10 +16,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from harness.core.artifacts import Capture, Scan
+from harness.core.errors import DataError
 from harness.core.files.hashing import content_hash
 from harness.core.privileges import Privilege
 from harness.core.process.source_digest import SourceDigest, SourceTree
 from harness.core.protocols import MethodInfo
+from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 
 __all__ = [
@@ -27,6 +29,8 @@ __all__ = [
     "evaluated",
     "made_from",
     "method_code",
+    "require_photos",
+    "require_scan",
     "scored_elsewhere",
 ]
 
@@ -187,3 +191,37 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
     if Privilege.ORACLE_NORMALS not in privileges:
         unused.append(_ORACLE)
     return own | tree.digest([_CELL], unused)
+
+
+def require_photos(record: Record, capture: Capture) -> None:
+    """Nothing, if these are the photos that a record's method saw.
+
+    Raises:
+        DataError: others were made since.
+    """
+    if record.capture.key and record.capture.key != capture.key:
+        raise _made_anew(record, "photos")
+
+
+def require_scan(record: Record, scan: Scan) -> None:
+    """Nothing, if this is the scan that a record was measured against, under the same rules.
+
+    Raises:
+        DataError: it is another one since.
+    """
+    before, now = record.inputs.get("truth"), scan.identity()
+    if not isinstance(before, Mapping) or not before:
+        return
+    # Body and labels may differ: nothing is measured against them here.
+    files = before.get("sha256", {})
+    then = {**before, "sha256": {name: files.get(name) for name in scan.sha256}}
+    if any(then.get(name) != value for name, value in now.items()):
+        raise _made_anew(record, "scan")
+
+
+def _made_anew(record: Record, what: str) -> DataError:
+    cell = f"{record.method_name} on {record.subject}"
+    return DataError(
+        f"the {what} of {record.subject} changed since {cell} was evaluated",
+        hint="Evaluate again: 'harness eval' with the same options makes what is not current",
+    )

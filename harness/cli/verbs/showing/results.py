@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -19,12 +20,13 @@ from harness.cli.options import (
 )
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
+from harness.core.errors import HarnessError, did_you_mean
 from harness.core.formats.typed_json import to_json
 from harness.core.records import Record
 from harness.data.manifest import load_manifest
 from harness.pipeline.board.compare import changed_entries, changes_markdown, compare_boards
 from harness.pipeline.board.entries import Entry, entries_in
-from harness.pipeline.board.export import export_results
+from harness.pipeline.board.export import export_results, withheld
 from harness.pipeline.board.merge import merge_entry
 from harness.pipeline.board.page import write_board_page
 from harness.pipeline.board.record_file import write_record_file
@@ -78,10 +80,23 @@ def export(
     method: Methods = "",
     subjects: Subjects = "",
     workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
 ) -> None:
-    """Write records and meshes of a run as results that can be handed in."""
+    """Write records and meshes of a run as results that can be handed in.
+
+    A method that is given the scan hands it back. Where the dataset's licence does not let it be
+    passed on, such a method is left out, and refused if --method names it.
+    """
     store = RunStore.existing(Workspace.default(workspace), run)
-    for entry in export_results(store, _chosen(store, method, subjects), version, folder):
+    found = _chosen(store, method, subjects)
+    scans = withheld(found, load_manifest(manifest))
+    for name, why in scans.items():
+        what = f"the meshes of {name} are scans that may not be passed on ({why})"
+        if name in split_names(method):
+            raise HarnessError(what, hint="Leave it out of --method")
+        print(f"left out: {what}", file=sys.stderr)
+    kept = [record for record in found if record.method_name not in scans]
+    for entry in export_results(store, kept, version, folder):
         print(f"{entry.directory}: {len(entry.subjects())} subjects")
 
 
@@ -189,13 +204,18 @@ def page(
 
 
 def _chosen(store: RunStore, method: str, subjects: str) -> list[Record]:
-    """The records of a run that options name; all, where they name none."""
-    chosen = split_names(subjects)
-    return [
-        record
-        for record in in_order(store.records(), split_names(method))
-        if not chosen or record.subject in chosen
-    ]
+    """The records of a run that options name; all, where they name none.
+
+    Raises:
+        HarnessError: a method or subject without a record.
+    """
+    chosen, records = split_names(subjects), in_order(store.records(), split_names(method))
+    known = {record.subject for record in records}
+    for subject in chosen:
+        if subject not in known:
+            hint = did_you_mean(subject, known)
+            raise HarnessError(f"no record of subject '{subject}'", hint=hint)
+    return [record for record in records if not chosen or record.subject in chosen]
 
 
 def _print(found: Verification) -> None:

@@ -72,3 +72,9 @@ def test_long_texts_are_wrapped_and_nested_settings_named_in_full():
 def test_an_unknown_method_is_one_sentence():
     result = CliRunner().invoke(app, ["methods", "show", "mexecon9"])
     assert "Did you mean" in str(result.exception)
+
+
+def test_a_number_of_views_is_told():
+    assert "Views: 4 of all, as evenly apart as can be" in text_page(
+        MethodInfo("m", "M", view_count=4)
+    )

@@ -12,7 +12,13 @@ from harness.core.mesh import Mesh
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.window import Window
-from reports.figures.comparison import MethodMesh, SubjectPanels, overlay_figure, qualitative_grid
+from reports.figures.comparison import (
+    MethodMesh,
+    SubjectPanels,
+    _front_and_back,
+    overlay_figure,
+    qualitative_grid,
+)
 from reports.figures.panels import PanelWindow, panel_windows, photo
 from reports.figures.shading import ErrorScale, heat, shaded
 
@@ -212,3 +218,9 @@ def test_a_mesh_outside_the_picture_draws_the_photo_alone(capture, tmp_path):
 def test_an_unknown_picture_format_is_refused(capture, tmp_path):
     with pytest.raises(HarnessError, match=r"\.png or \.pdf or \.svg; got \.bmp"):
         overlay_figure(ball(), capture, tmp_path / "overlay.bmp")
+
+
+@pytest.mark.parametrize(("views", "back"), [(4, 2), (8, 4), (16, 8), (5, 2)])
+def test_the_back_is_the_view_opposite_of_the_front(capture, views, back):
+    ring = replace(capture, cameras=RingRig(views=views).cameras(30, 40), front_yaw_deg=0.0)
+    assert _front_and_back(ring) == (0, back)

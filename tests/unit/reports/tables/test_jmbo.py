@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import ProtocolMismatch
+from harness.core.protocols import Part
 from harness.core.results import MetricValue
 from harness.pipeline.run.store import RunStore
 from reports.formats.markdown import to_markdown
@@ -18,14 +19,15 @@ RECORDS = [r for r in RunStore(RUN).records() if r.method_name in ("hull8", "gt"
 UNITS = {"joint_error": "mm", "vertex_error": "mm", "silhouette_iou": "ratio"}
 
 
-def with_body(record, scale=1.0, without=()):
+def with_body(record, scale=1.0, without=(), model="Anny 0.6.2"):
     """A hull's record as if it had fitted a body: metric i is ``scale * (i + 1)``."""
     added = {
         name: MetricValue(scale * (index + 1), UNITS.get(name, "1"), 8, 0.0)
         for index, name in enumerate(BODY_METRICS)
         if name not in without
     }
-    return replace(record, metrics={**record.metrics, **added})
+    method = replace(record.method, parts=(Part("body model", model, "as it says"),))
+    return replace(record, method=method, metrics={**record.metrics, **added})
 
 
 def bodies(**kwargs):
@@ -57,6 +59,9 @@ def test_more_overlap_is_never_marked_as_worse():
 def test_it_says_that_the_fitted_body_is_of_the_family_of_the_true_ones():
     assert "of the family that generated the subjects (Anny)" in jmbo_table(bodies()).caption
     assert "manifold" not in jmbo_table(bodies()).caption
+    fitted = jmbo_table(bodies(model="SMPL-X")).caption
+    assert "The true bodies are SMPL-X fits of the scans, of the model that is fitted" in fitted
+    assert "Anny" not in fitted
 
 
 def test_it_says_how_far_true_bodies_are_off_the_models_manifold():
