@@ -192,11 +192,20 @@ class BodyFit:
     def _is_given_centre(self) -> bool:
         return len(self.views) == 1 and self.settings.depth == "subject-centre"
 
+    def _knows_generated_people(self) -> bool:
+        """Whether the model, what it is fitted by or what it is compared with was learned there."""
+        network = _normal_choice(self.settings) if self.settings.wants_network else None
+        return (
+            self.settings.model == "anny"
+            or not self.settings.is_published
+            or (network is not None and Privilege.GENERATOR_PRIOR in network.privileges)
+        )
+
     def _privileges(self) -> tuple[Privilege, ...]:
         return (
             Privilege.KNOWN_CAMERAS,
             Privilege.EXACT_MASKS,
-            *((Privilege.GENERATOR_PRIOR,) if self.settings.model == "anny" else ()),
+            *((Privilege.GENERATOR_PRIOR,) if self._knows_generated_people() else ()),
             *((Privilege.SUBJECT_CENTRE,) if self._is_given_centre() else ()),
             *((Privilege.ORACLE_NORMALS,) if self.settings.uses_oracle else ()),
         )

@@ -19,7 +19,7 @@ from harness.core.files.hashing import content_hash
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["MetricProtocol", "RenderRecipe", "by_room", "check_choice", "overridden"]
+__all__ = ["MetricProtocol", "RenderRecipe", "by_room", "check_choice", "check_range", "overridden"]
 
 Settings = TypeVar("Settings", bound="DataclassInstance")
 
@@ -77,6 +77,19 @@ def check_choice(name: str, value: str, known: Sequence[str]) -> None:
     """
     if value not in known:
         raise HarnessError(f"setting '{name}' cannot be '{value}'", expected=" or ".join(known))
+
+
+def check_range(name: str, value: float, least: float, most: float, unit: str = "") -> None:
+    """Refuse a setting that is no number from ``least`` to ``most``.
+
+    Raises:
+        HarnessError: naming the setting, the value and the range.
+    """
+    if not least <= value <= most:
+        raise HarnessError(
+            f"setting '{name}' cannot be '{value}'",
+            expected=f"{least:g} to {most:g} {unit}".rstrip(),
+        )
 
 
 def _read_as(example: Any, text: str) -> object:

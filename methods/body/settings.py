@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from harness.core.errors import HarnessError
-from harness.core.settings import check_choice
+from harness.core.settings import check_choice, check_range
 from methods.body.fit.weights import Weights
 
 __all__ = ["FitSettings"]
@@ -54,6 +54,7 @@ class FitSettings(Weights):
             ("depth", ("height-prior", "subject-centre")),
         ):
             check_choice(name, getattr(self, name), known)
+        check_range("subject_px", self.subject_px, 32, 2048, "pixels")
         if self.uses_pixie and self.model != "smplx":
             raise HarnessError(
                 f"setting 'start' cannot be 'pixie' where setting 'model' is '{self.model}'",

@@ -14,7 +14,7 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.privileges import Privilege
 from harness.core.protocols import Part
-from harness.core.settings import check_choice
+from harness.core.settings import check_choice, check_range
 from methods.feedforward.installed import Find
 from methods.feedforward.memory import NetworkSize, require_memory
 from methods.foreign.exchange import Answer, asked
@@ -64,10 +64,7 @@ class NetworkSettings:
             ("side", self.side, 28, 2048),
             ("background", self.background, 0, 255),
         ):
-            if not least <= value <= most:
-                raise HarnessError(
-                    f"setting '{name}' cannot be '{value}'", expected=f"{least} to {most}"
-                )
+            check_range(name, value, least, most)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -107,13 +107,22 @@ def examine(file: Path, options: ImportOptions) -> Examined:
     return Examined(
         name=options.recipe,
         title=f"{recipe.title} ({recipe.licence})",
-        write=lambda folder: _copied(file, folder),
+        write=lambda folder: _copied(file, folder, recipe),
         details={RECIPE: options.recipe},
     )
 
 
-def _copied(file: Path, folder: Path) -> None:
+def _copied(file: Path, folder: Path, recipe: MaskRecipe) -> None:
     shutil.copyfile(file, folder / NETWORK_FILE)
+    try:
+        MaskNetwork(folder / NETWORK_FILE, recipe, file.name)
+    except DataError as error:
+        raise DataError(
+            f"{file} cannot be used without other files beside it",
+            expected="one file that holds all of its weights",
+            got=error.got or error.what,
+            hint="Save it with its weights inside: onnx.save(onnx.load(FILE), OTHER)",
+        ) from error
 
 
 def imported_network(name: str) -> MaskNetwork:

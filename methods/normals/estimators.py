@@ -113,8 +113,12 @@ class NormalChoice:
 
     @property
     def privileges(self) -> tuple[Privilege, ...]:
-        """What the estimator is given beyond photos."""
-        return (_PRIVILEGE,) if self.kind == "oracle" else ()
+        """What the estimator is given beyond photos; shipped networks know generated people."""
+        if self.kind == "oracle":
+            return (_PRIVILEGE,)
+        shipped = {network.name for network in installed.listed(installed.shipped_place())}
+        learned = self.kind == "open" or self.model in shipped
+        return (Privilege.GENERATOR_PRIOR,) if learned else ()
 
     @property
     def part(self) -> Part:

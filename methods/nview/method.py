@@ -100,12 +100,10 @@ class FusedMethod:
         choice, fits = self.settings.normal_choice, self.settings.body == "on"
         own = {**asdict(self.settings), "normals_model": bool(self.settings.normals_model)}
         body = {"body": self._fit.settings.in_use(MOST_VIEWS)} if fits else {}
-        learned = choice is not None and choice.kind == "open"
         privileges = (
             Privilege.KNOWN_CAMERAS,
             Privilege.EXACT_MASKS,
             *(self._fit.info.privileges if fits else ()),
-            *((Privilege.GENERATOR_PRIOR,) if learned else ()),
             *(choice.privileges if choice else ()),
         )
         parts = (*(self._fit.info.parts if fits else ()), *((choice.part,) if choice else ()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from harness.core.errors import HarnessError
-from harness.core.settings import check_choice
+from harness.core.settings import check_choice, check_range
 from methods.normals import NormalChoice
 from methods.nview.views import MOST_VIEWS
 
@@ -103,11 +103,7 @@ class FusionSettings:
             ("margin_m", 0.0, 0.2, "metres"),
             ("trusted_deg", 0.0, 180.0, "degrees"),
         ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise HarnessError(
-                    f"setting '{name}' cannot be '{value}'", expected=f"{low:g} to {high:g} {unit}"
-                )
+            check_range(name, getattr(self, name), low, high, unit)
         if self.normals == "body" and self.body == "off":
             raise HarnessError(
                 "setting 'normals' cannot be 'body' where setting 'body' is 'off'",

@@ -16,7 +16,13 @@ from pathlib import Path
 from typing import Protocol
 
 from harness.core.errors import DataError, HarnessError, MissingPart
-from harness.core.files.atomic import atomic_directory, exclusive_lock, read_json, write_json
+from harness.core.files.atomic import (
+    atomic_directory,
+    exclusive_lock,
+    read_json,
+    remove_leftovers,
+    write_json,
+)
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import NAME_RULE, is_name
 from harness.core.formats.typed_json import from_json, to_json
@@ -180,6 +186,7 @@ class ConvertedKind:
             raise HarnessError(f"a part cannot be called '{name}'", expected=NAME_RULE)
         with exclusive_lock(self.folder / ".lock"):
             self._require_free(name, source, replace=options.replace)
+            remove_leftovers(self.folder / name)
             with atomic_directory(self.folder / name) as folder:
                 examined.write(folder)
                 files = tuple(_File.of(path) for path in sorted(folder.iterdir()))
@@ -226,7 +233,9 @@ class ConvertedKind:
             )
 
     def _notes(self) -> list[_Note]:
-        return [self._note(path) for path in sorted(self.folder.glob(f"*/{_NOTE}"))]
+        # A folder that is being made, or that a killed import left, is no part.
+        found = (path for path in self.folder.glob(f"*/{_NOTE}") if is_name(path.parent.name))
+        return [self._note(path) for path in sorted(found)]
 
     def _note(self, path: Path) -> _Note:
         note = from_json(_Note, read_json(path), path, "a note of an imported part")

@@ -14,10 +14,11 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import MethodError
 from harness.core.files.hashing import derive_seed
 from harness.core.privileges import Privilege
 from harness.core.protocols import Part
+from harness.core.settings import check_range
 from harness.geometry.raycast import Raycaster
 from methods.points.alignment import ALIGNMENTS, Similarity
 from methods.points.frames import Frame
@@ -53,11 +54,7 @@ class DepthSettings:
             ("noise", 0.0, 0.5),
             ("noise_px", 0.0, 500.0),
         ):
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise HarnessError(
-                    f"setting '{name}' cannot be '{value}'", expected=f"{least:g} to {most:g}"
-                )
+            check_range(name, getattr(self, name), least, most)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from harness.core.errors import HarnessError
-from harness.core.settings import check_choice
+from harness.core.settings import check_choice, check_range
 from methods.points.alignment import ALIGNMENTS
 
 __all__ = ["AlignSettings", "KeepSettings", "MeshSettings"]
-
-
-def _check_range(name: str, value: float, least: float, most: float) -> None:
-    if not least <= value <= most:
-        raise HarnessError(
-            f"setting '{name}' cannot be '{value}'", expected=f"{least:g} to {most:g}"
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +54,13 @@ class KeepSettings:
     normal_px: int = 2
 
     def __post_init__(self) -> None:
-        _check_range("erode_px", self.erode_px, 0, 50)
-        _check_range("edge", self.edge, 1e-4, 10.0)
-        _check_range("drop_share", self.drop_share, 0.0, 0.95)
-        _check_range("consistency_m", self.consistency_m, 0.0, 10.0)
-        _check_range("outlier_neighbours", self.outlier_neighbours, 2, 200)
-        _check_range("outlier_spacing", self.outlier_spacing, 0.0, 1000.0)
-        _check_range("normal_px", self.normal_px, 1, 20)
+        check_range("erode_px", self.erode_px, 0, 50)
+        check_range("edge", self.edge, 1e-4, 10.0)
+        check_range("drop_share", self.drop_share, 0.0, 0.95)
+        check_range("consistency_m", self.consistency_m, 0.0, 10.0)
+        check_range("outlier_neighbours", self.outlier_neighbours, 2, 200)
+        check_range("outlier_spacing", self.outlier_spacing, 0.0, 1000.0)
+        check_range("normal_px", self.normal_px, 1, 20)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +83,7 @@ class MeshSettings:
     trim: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_range("cell_m", self.cell_m, 0.0, 0.1)
-        _check_range("depth", self.depth, 4, 12)
+        check_range("cell_m", self.cell_m, 0.0, 0.1)
+        check_range("depth", self.depth, 4, 12)
         check_choice("silhouettes", self.silhouettes, ("ignored", "held"))
-        _check_range("trim", self.trim, 0.0, 0.9)
+        check_range("trim", self.trim, 0.0, 0.9)

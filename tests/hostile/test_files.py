@@ -178,6 +178,13 @@ GLBS = {
         },
         TRIANGLE,
     ),
+    "vertices in one place": glb(
+        {
+            **shown([{"mesh": 0}], count=7),
+            "bufferViews": [{"buffer": 0, "byteLength": 36, "byteStride": 4}],
+        },
+        TRIANGLE,
+    ),
     "deep text": glb(b"[" * 100_000),
     "no text": glb(b"\xff\xfe"),
     "a longer chunk": b"glTF" + struct.pack("<IIII", 2, 20, 2**32 - 1, 0x4E4F534A),

@@ -180,6 +180,8 @@ def _accessor(glb: _Glb, index: int) -> NDArray[Any]:
     start, offset = view.get("byteOffset", 0), accessor.get("byteOffset", 0)
     stride = view.get("byteStride", 0) or kind.itemsize * width
     end = offset + stride * (count - 1) + kind.itemsize * width
+    if count > 3 * _MOST_ELEMENTS or stride < kind.itemsize * width:
+        raise ValueError(f"more than {_MOST_ELEMENTS} vertices and triangles, or some in one place")
     if count < 1 or end > view["byteLength"] or start + end > len(glb.binary):
         raise ValueError("an accessor reaches past the end of the file")
     strides = (stride, kind.itemsize)

@@ -1,7 +1,8 @@
-"""Which photos of an imported capture a method is given that was made for a ring of eight.
+"""Which photos a method is given that was made for a ring of eight.
 
-Such a method counts views from the front, 45 degrees apart. Imported photos stand anywhere: each of
-its views gets the photo that was taken most nearly from there, all together, and each photo once.
+Such a method counts views from the front, 45 degrees apart. Imported photos stand anywhere, and a
+ring may have more photos or fewer: each of the method's views gets the photo that was taken most
+nearly from there, all together, and each photo once.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ __all__ = ["ChosenViews", "views_for"]
 _RING = 8
 #: A photo further than this from the place of its view is told.
 _FAR_DEG = 30.0
+_MORE = {True: "Import more photos", False: "Name a --recipe with more"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,20 +42,20 @@ class ChosenViews:
 def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
     """The photos of a capture as a method counts them.
 
-    Rendered photos are counted from the front, and so are those of a method that takes all.
+    Eight rendered photos are counted from the front, and so are those of a method that takes all.
 
     Raises:
         MethodError: the method takes more photos than there are.
     """
-    if capture.recipe != IMPORTED or method.views is None:
-        return ChosenViews(capture.from_front(), {})
     wanted, count = method.views, len(capture.cameras)
+    if wanted is None or (capture.recipe != IMPORTED and count == _RING):
+        return ChosenViews(capture.from_front(), {})
     if len(wanted) > count:
         raise MethodError(
             f"method '{method.name}' takes {len(wanted)} photos",
             got=f"{count} of '{capture.subject}'",
-            hint="Import more photos, or run a method that takes fewer or any number: econ takes "
-            "one, mexecon2 two, mexecon+ three or more",
+            hint=f"{_MORE[capture.recipe == IMPORTED]}, or run a method that takes fewer or any "
+            "number: econ takes one, mexecon2 two, mexecon+ three or more",
         )
     angles = _angles_deg(capture, wanted)
     chosen = _assigned(angles)

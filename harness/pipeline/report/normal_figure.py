@@ -10,6 +10,7 @@ from harness.core.errors import HarnessError
 from harness.core.records import Record
 from harness.geometry.raycast import Raycaster, Side
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.run.record_inputs import require_photos, require_scan
 from harness.pipeline.run.result_files import NORMALS_FILE, load_normals
 from harness.pipeline.run.store import RunStore
@@ -56,6 +57,8 @@ def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     capture = source.capture(record.subject)
     require_scan(record, scan)
     require_photos(record, capture)
+    # Maps count the photos as the method did.
+    capture = views_for(record.method, capture).capture
     caster = Raycaster(truth.geometry())
     shown: list[tuple[NormalMaps, Side]] = [(maps, "near") for maps in views]
     if len(views) == 1:

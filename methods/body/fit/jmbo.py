@@ -135,9 +135,11 @@ def optimise(
 def _first_and_kept(
     costs: Sequence[float], terms: Sequence[Mapping[str, float]], *, keeps_last: bool
 ) -> dict[str, tuple[float, float]]:
-    """Each term at the start and at the iterate that is kept."""
+    """Each term at the start and at the iterate that is kept; none where none was tried."""
+    if not costs:
+        return {}
     kept = -1 if keeps_last else int(np.argmin(costs))
-    return {name: (value, terms[kept][name]) for name, value in terms[0].items()} if terms else {}
+    return {name: (value, terms[kept][name]) for name, value in terms[0].items()}
 
 
 def _batches(count: int, weights: Weights, seed: int) -> list[Sequence[int]]:

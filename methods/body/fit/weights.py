@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from harness.core.settings import check_choice
+from harness.core.settings import check_choice, check_range
 
 __all__ = ["PUBLISHED_CONFIDENCE", "PUBLISHED_LANDMARKS", "Weights"]
 
@@ -13,6 +13,7 @@ __all__ = ["PUBLISHED_CONFIDENCE", "PUBLISHED_LANDMARKS", "Weights"]
 PUBLISHED_LANDMARKS = (0, 2, 5, 7, 8, *range(11, 23), *range(29, 33))
 #: A detection counts there if its confidence is above this.
 PUBLISHED_CONFIDENCE = 0.5
+_HEAVIEST = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,22 @@ class Weights:
             ("schedule", ("plateau", "ramp")),
         ):
             check_choice(name, getattr(self, name), known)
+        for name in ("silhouette", "normal", "landmark", "head", "uncovered", "prior"):
+            check_range(name, getattr(self, name), 0.0, _HEAVIEST)
+        for name, least, most, unit in (
+            ("standoff_m", 0.0, 0.5, "metres"),
+            ("iterations", 0, 10_000, "iterations"),
+            ("rate", 1e-6, 1.0, ""),
+            ("batch", 0, 10_000, "views"),
+            ("normals_every", 0, 10_000, "iterations"),
+        ):
+            check_range(name, getattr(self, name), least, most, unit)
+
+    @property
+    def is_published(self) -> bool:
+        """Whether the cost is the paper's equation, whatever the weights of its terms."""
+        paper, own = Weights(), ("landmarks", "uncovered", "standoff_m", "prior", "schedule")
+        return all(getattr(self, name) == getattr(paper, name) for name in own)
 
     def draws(self, views: int) -> bool:
         """Whether the views of each iteration are drawn, so that a fit to so many has a seed."""

@@ -70,7 +70,9 @@ def smplx_part(model_file: str) -> Part:
     role, licence = SMPLX.about.role, SMPLX.about.licence
     if _is_file(model_file):
         path = Path(model_file)
-        return Part(role, "SMPL-X", licence, file_sha256(path) if path.is_file() else "")
+        # The space of shapes follows from the file's name, and not from its content.
+        name = f"SMPL-X ({NAMES[-1]})" if is_pixies(model_file) else "SMPL-X"
+        return Part(role, name, licence, file_sha256(path) if path.is_file() else "")
     if not model_file and not SMPLX.installed():
         return Part(role, "SMPL-X", licence)
     return SMPLX.find(model_file).installed.part(role)

@@ -18,6 +18,7 @@ from harness.geometry.raycast import Raycaster
 from harness.pipeline.work.cost import StageMeter
 from harness.pipeline.work.shared_results import SharedResults
 from methods import body_fit
+from methods.body.fit.jmbo import _first_and_kept
 from methods.body.photos import detection
 from methods.body.photos.detection import detect
 from methods.body.photos.views import load_views
@@ -331,3 +332,33 @@ def test_photos_are_read_once_for_all_that_share_them(capture, tmp_path, monkeyp
     second = detect(capture, (4, 0), share).at((1, 0))
     for name in ("pixels", "points_camera", "confidence", "hands"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+@pytest.mark.parametrize(
+    ("settings", "learned"),
+    [
+        ({"normals": "off"}, False),
+        ({}, True),
+        ({"normals": "onnx", "normals_model": "open-normals"}, True),
+        ({"normals": "off", "prior": "0.001"}, True),
+        ({"normals": "off", "model": "anny"}, True),
+    ],
+)
+def test_whatever_was_learned_on_generated_people_is_a_privilege(settings, learned):
+    method = jmbo8.configured({f"body.{name}": text for name, text in
+                               {"model": "smplx", **settings}.items()})  # fmt: skip
+    assert ("generator_prior" in method.info.privileges) is learned
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["iterations=-5", "batch=-1", "subject_px=0", "rate=0", "silhouette=-1", "standoff_m=2"],
+)
+def test_numbers_that_cannot_be_are_refused(setting):
+    name, value = setting.split("=")
+    with pytest.raises(HarnessError, match=f"'{name}' cannot be '{float(value):g}|'{name}' cannot"):
+        jmbo8.configured({f"body.{name}": value})
+
+
+def test_without_iterations_the_start_is_kept():
+    assert _first_and_kept([], [], keeps_last=False) == {}

@@ -10,7 +10,7 @@ from harness.core.errors import DataError, HarnessError, MissingPart
 from methods.body.models.choice import body_model
 from methods.body.models.model import neutral
 from methods.body.models.parts import body_part
-from methods.body.models.smplx_part import NAMES, SMPLX, is_pixies, model_path
+from methods.body.models.smplx_part import NAMES, SMPLX, is_pixies, model_path, smplx_part
 from methods.parts.kind import ImportOptions
 
 
@@ -71,3 +71,12 @@ def test_another_file_is_refused(parts, tmp_path):
     with pytest.raises(DataError, match="an .npz or .pkl file"):
         SMPLX.add(tmp_path / "page.html", ImportOptions())
     assert not parts.exists()
+
+
+def test_a_part_says_which_space_of_shapes_its_name_stands_for(tmp_path):
+    for name in ("SMPLX_NEUTRAL_2020.npz", "copy.npz"):
+        (tmp_path / name).write_bytes(b"the same")
+    pixies, plain = (smplx_part(f"{tmp_path}/{name}") for name in
+                     ("SMPLX_NEUTRAL_2020.npz", "copy.npz"))  # fmt: skip
+    assert pixies.sha256 == plain.sha256
+    assert (pixies.name, plain.name) == ("SMPL-X (SMPLX_NEUTRAL_2020)", "SMPL-X")

@@ -115,3 +115,14 @@ def test_an_answer_that_is_no_number_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "answers", lambda *_: [np.full((1, 1, 320, 320), np.nan)])
     with pytest.raises(MethodError, match="does not answer with the mask"):
         network(photo()[0])
+
+
+def test_a_network_in_two_files_is_refused(tmp_path):
+    model = onnx.load(written(tmp_path / "whole.onnx", side=320))
+    model.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(np.array([0]), "take"))
+    onnx.save(model, tmp_path / "n.onnx", save_as_external_data=True, location="n.onnx.data",
+              size_threshold=0)  # fmt: skip
+    assert (tmp_path / "n.onnx.data").is_file()
+    with pytest.raises(DataError, match="cannot be used without other files beside it"):
+        MASK_NETWORKS.add(tmp_path / "n.onnx", ImportOptions(recipe="u2net"))
+    assert list(MASK_NETWORKS.installed()) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -150,3 +151,14 @@ def test_where_parts_are(monkeypatch, tmp_path):
     monkeypatch.delenv("HARNESS_PARTS")
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     assert parts_folder() == tmp_path / "mexecon-harness" / "parts"
+
+
+def test_what_an_import_has_not_finished_is_no_part(toy, toy_file, parts):
+    part = toy.add(toy_file, SILENT)
+    half = parts / "toy" / ".toy.0123456789ab.part"
+    shutil.copytree(parts / "toy" / "toy", half)
+    assert list(toy.installed()) == [part]
+    assert toy.find("toy").installed == part
+    # What a killed import left goes with the next one.
+    assert toy.add(toy_file, SILENT) == part
+    assert not half.exists()

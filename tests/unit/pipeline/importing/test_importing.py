@@ -320,3 +320,10 @@ def test_a_method_that_takes_more_photos_than_there_are_says_so():
 def test_a_method_that_takes_all_photos_is_given_all_from_the_front():
     chosen = views_for(MethodInfo("m", "M"), imported([90, 0, 200]))
     assert chosen.capture.numbers == (1, 0, 2)
+
+
+@pytest.mark.parametrize(("count", "photos"), [(16, (0, 2, 4, 6, 8, 10, 12, 14)), (8, range(8))])
+def test_a_method_for_eight_takes_every_second_photo_of_sixteen(count, photos):
+    ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
+    chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), ring)
+    assert chosen.capture.numbers[:8] == tuple(photos)
