@@ -116,7 +116,8 @@ def run_harness(world: Path, *arguments: str, on_path: Path | None = None) -> in
         arguments: What follows ``harness`` on the command line.
         on_path: A folder of Python modules that the command can import.
     """
-    environment = dict(os.environ)
+    # The world is the workspace, whatever else you work in.
+    environment = {**os.environ, "HARNESS_WORKSPACE": str(world)}
     if on_path is not None:
         old = environment.get("PYTHONPATH")
         environment["PYTHONPATH"] = os.pathsep.join([str(on_path), *([old] if old else [])])

@@ -22,7 +22,7 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import by_room, overridden
+from harness.core.settings import by_room, check_range, overridden
 from harness.geometry.hull import hull_distance
 from harness.geometry.isosurface import isosurface
 from harness.geometry.outline import Outline
@@ -57,6 +57,12 @@ class HullSettings:
     block: int = 8
     margin_m: float = 0.1
     minimum_component: float = 0.01
+
+    def __post_init__(self) -> None:
+        check_range("voxel_m", self.voxel_m, 0.0005, 0.2, "metres")
+        check_range("block", self.block, 1, 256, "voxels")
+        check_range("margin_m", self.margin_m, 0.0, 2.0, "metres")
+        check_range("minimum_component", self.minimum_component, 0.0, 1.0)
 
 
 class VisualHull:

@@ -17,6 +17,7 @@ __all__ = [
     "Json",
     "ManifestPath",
     "MethodsToRun",
+    "MethodsToShow",
     "Parts",
     "Protocol",
     "Reason",
@@ -31,6 +32,16 @@ __all__ = [
     "parsed_settings",
     "split_names",
 ]
+
+
+def _some(context: typer.Context, parameter: typer.CallbackParam, value: str) -> str:
+    """The value; a list that is given and empty, as of a shell's unset variable, means nothing."""
+    source = context.get_parameter_source(parameter.name or "")
+    if source is not None and source.name == "COMMANDLINE" and not value.strip(" ,"):
+        name = parameter.opts[0]
+        raise HarnessError(f"{name} names nothing", hint=f"Name some, or leave {name} out for all")
+    return value
+
 
 WorkspacePath = Annotated[
     Path | None,
@@ -59,6 +70,16 @@ MethodsToRun = Annotated[
         "--method",
         metavar="NAMES",
         help="Methods to run, comma-separated; 'harness methods list' names them.",
+        callback=_some,
+    ),
+]
+MethodsToShow = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="NAMES",
+        help="Methods to show, comma-separated, in this order. Default: all.",
+        callback=_some,
     ),
 ]
 Parts = Annotated[
@@ -71,7 +92,8 @@ Parts = Annotated[
     ),
 ]
 Seed = Annotated[
-    int, typer.Option("--seed", metavar="N", help="Random seed, from which all others derive.")
+    int,
+    typer.Option("--seed", metavar="N", min=0, help="Random seed, from which all others derive."),
 ]
 Subjects = Annotated[
     str,
@@ -79,6 +101,7 @@ Subjects = Annotated[
         "--subjects",
         metavar="IDS",
         help="Subjects to use, such as a01,a04 or t00001..t00020. Default: all.",
+        callback=_some,
     ),
 ]
 Recipe = Annotated[

@@ -23,7 +23,6 @@ from reports.seeds.table import seeds_table
 from reports.tables.table import Table
 
 __all__ = [
-    "SEEDS_TABLE",
     "SeedRun",
     "evaluate_seeds",
     "is_deterministic",
@@ -33,8 +32,6 @@ __all__ = [
     "table_of_seeds",
 ]
 
-#: Name of the table on the command line.
-SEEDS_TABLE = "seeds"
 _SEED = "seed"
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
 _MOST_SEEDS = 1000

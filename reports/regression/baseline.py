@@ -150,6 +150,8 @@ class Baseline:
         Raises:
             DataError: no such file, or not a baseline of this schema.
         """
+        if not path.is_file():
+            raise DataError(f"no file at {path}", hint="Write a run's numbers there with --update")
         document = read_json(path)
         if document.get("schema") != BASELINE_SCHEMA or "cells" not in document:
             raise DataError(

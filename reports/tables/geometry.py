@@ -100,7 +100,8 @@ def metric_value(record: Record, metric: str) -> float:
         without_scan = record.inputs.get("truth") == {}
         raise ProtocolMismatch(
             f"the record of {where} has no {metric}",
-            hint="Imported photos have no scan to be measured against: --table photos needs none"
+            hint="Imported photos have no scan to be measured against: --table photos needs none; "
+            "another run is named with --run"
             if without_scan
             else "Evaluate it again to replace it",
         )

@@ -102,8 +102,9 @@ def select(
     ]
     if not chosen:
         known = ", ".join(dict.fromkeys(record.method_name for record in records))
+        of = f" on {', '.join(subjects)}" if subjects else ""
         raise HarnessError(
-            f"there are no records of {', '.join(order) or 'any method'} to report",
+            f"there are no records of {', '.join(order) or 'any method'}{of} to report",
             hint=f"This run has records of {known}" if known else "Run 'harness eval' first",
         )
     check_comparable(chosen)

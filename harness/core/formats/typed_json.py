@@ -13,7 +13,7 @@ import functools
 import types
 from collections.abc import Callable, Mapping
 from enum import Enum
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from harness.core.errors import DataError
@@ -34,9 +34,11 @@ class _Unfit(Exception):
 
 
 def to_json(value: Any) -> Any:
-    """Plain JSON values: objects for dataclasses and mappings, arrays for tuples."""
+    """Plain JSON values: objects for dataclasses and mappings, arrays for tuples, paths as text."""
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, PurePath):
+        return str(value)
     if dataclasses.is_dataclass(value):
         return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if _is_mapping(value):

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from harness.core.errors import ProtocolMismatch
+from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import file_sha256
 from harness.core.metric_catalog import METRICS
 from harness.pipeline.board.entries import Entry, entries_in
@@ -60,8 +60,13 @@ def compare_boards(base: Path, head: Path) -> tuple[EntryChange, ...]:
         head: The board as it would be.
 
     Raises:
+        HarnessError: no such folder.
         DataError: a record that cannot be read.
     """
+    for folder in (base, head):
+        if not folder.is_dir():
+            hint = "A board without results is an empty folder"
+            raise HarnessError(f"there is no board at {folder}", hint=hint)
     removed = [entry for entry in _entries(base) if not _there(entry, head).subjects()]
     changes = [_change(entry, _there(entry, base)) for entry in changed_entries(base, head)]
     changes += [EntryChange(entry.title, faults=("removed",)) for entry in removed]

@@ -24,9 +24,11 @@ from harness.pipeline.progress import Progress
 from harness.pipeline.scoring.meshes import mesh_scores
 from reports.tables.selection import check_comparable, check_one_method
 
-__all__ = ["Finding", "Truths", "Verification", "verify_entry"]
+__all__ = ["NO_RECORD", "Finding", "Truths", "Verification", "verify_entry"]
 
 _TASK = "meshes scored again"
+#: What is said of a subject that is not there.
+NO_RECORD = "no record"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,7 @@ class _Verifier:
         if records:
             scans = self.truths.scans(self.entry, records[0].dataset, self.progress)
             absent = [s for s in scans.subjects if s not in self.entry.subjects()]
-            findings += [self._finding(subject, "no record") for subject in absent]
+            findings += [self._finding(subject, NO_RECORD) for subject in absent]
             findings += self._together(records)
             self.progress.expect(_TASK, len(records))
             for record in records:

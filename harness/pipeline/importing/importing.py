@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.frames import write_transforms_json
@@ -25,15 +27,15 @@ _LEAST_PX = 64
 
 
 def import_photos(request: ImportRequest, report: StepReport) -> Imported:
-    """Make a capture of photos with cameras, in place of one that was there.
+    """Make a capture of photos with cameras, in place of one of some of these photos.
 
     Args:
         request: Photos, cameras, and what is known of their world.
         report: Called after every photo.
 
     Raises:
-        HarnessError: files that cannot be read, photos that contradict their cameras, or a world
-            of which too little is known.
+        HarnessError: files that cannot be read, photos that contradict their cameras, a world of
+            which too little is known, or a capture of other photos that is there.
         MissingPart: MediaPipe is needed, and not installed.
     """
     if request.longest_px < _LEAST_PX:
@@ -43,6 +45,8 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     masks = Path(request.masks) if request.masks else None
     maker = mask_maker(request.masks_by)
     matched = matched_photos(Path(request.photos), foreign, masks)
+    if not request.replace:
+        _keep_others(request, {file_sha256(photo.path) for photo in matched.photos})
     used = replace(foreign, views=tuple(photo.view for photo in matched.photos))
     up, up_note = found_up(request, used)
     directory = Path(request.directory)
@@ -59,6 +63,21 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
             write_transforms_json(folder / "transforms.json", capture.cameras, images)
             write_json(folder / "capture.json", capture.to_dict())
     return Imported(str(directory), len(taken.views), found.notes, warnings)
+
+
+def _keep_others(request: ImportRequest, photos: Collection[str]) -> None:
+    """Refuse to replace a capture with which the photos, by their sha256, have none in common."""
+    try:
+        imported: Any = Capture.load(Path(request.directory)).provenance["imported"]
+        before = {view["sha256"] for view in imported["views"]}
+    except (HarnessError, KeyError, TypeError):
+        # None is there, or one that nobody can use.
+        return
+    if before and before.isdisjoint(photos):
+        raise HarnessError(
+            f"a capture '{request.subject}' of other photos is there already",
+            hint="Give another --name, or import it with --replace",
+        )
 
 
 def _capture(

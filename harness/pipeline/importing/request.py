@@ -50,6 +50,7 @@ class ImportRequest:
         origin: ``subject`` puts the origin in the middle of the person, ``file`` leaves it.
         longest_px: Photos with a longer side are made smaller.
         accept: Whether photos that contradict their cameras are imported all the same.
+        replace: Whether a capture of other photos may be there, and is replaced.
     """
 
     photos: str
@@ -67,6 +68,7 @@ class ImportRequest:
     origin: str = "subject"
     longest_px: int = 1920
     accept: bool = False
+    replace: bool = False
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""

@@ -49,6 +49,11 @@ def named_capture(workspace: Workspace, name: str) -> Capture:
         DataError: there is none, or it is damaged.
     """
     if not (Path(name) / "capture.json").is_file():
+        below = sorted(path.parent.name for path in Path(name).glob("*/capture.json"))
+        if below:
+            raise DataError(
+                f"{name} holds no capture.json", hint=f"Name one of its folders: {', '.join(below)}"
+            )
         return imported_capture(workspace, name)
     capture = Capture.load(Path(name))
     if damage := capture.damage():

@@ -204,9 +204,12 @@ def _capture_of(request: ReconstructRequest, progress: Progress) -> tuple[str, I
             )
         return request.what, None
     if path.is_dir():
+        below = sorted(each.parent.name for each in path.glob("*/capture.json"))
         raise HarnessError(
             f"{path} holds no capture.json",
-            hint=f"Import its photos first: harness capture import {path} --cameras FILE "
+            hint=f"Name one of its folders: {', '.join(below)}"
+            if below
+            else f"Import its photos first: harness capture import {path} --cameras FILE "
             "--height METRES",
         )
     raise HarnessError(

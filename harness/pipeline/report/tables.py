@@ -32,6 +32,7 @@ __all__ = [
     "PHOTOS_TABLE",
     "PHOTO_ERRORS_TABLE",
     "PUBLISHED_TABLE",
+    "SEEDS_TABLE",
     "TABLES",
     "ReportRequest",
     "build_published",
@@ -51,6 +52,8 @@ PUBLISHED_TABLE = "published"
 #: Tables of figures that need no scan and are not in the records: these, and how they go with the
 #: errors that the scan gives.
 PHOTOS_TABLE, PHOTO_ERRORS_TABLE = "photos", "photo-errors"
+#: The table of several seeds' runs.
+SEEDS_TABLE = "seeds"
 #: The table of differences, subject by subject.
 PAIRED_TABLE = "paired"
 #: Tables of a run by name.
@@ -197,7 +200,8 @@ def _table(
         )
     if request.table not in TABLES:
         hint = did_you_mean(
-            request.table, [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, PUBLISHED_TABLE]
+            request.table,
+            [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, SEEDS_TABLE, PUBLISHED_TABLE],
         )
         raise HarnessError(f"unknown table '{request.table}'", hint=hint)
     if request.paired:

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, MissingPart
 from harness.pipeline.run.store import RunStore
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "run"
@@ -67,3 +67,59 @@ def test_a_baseline_names_what_it_does_not_guard(tmp_path: Path) -> None:
     assert (said["file"], said["records"]) == (file, 12)
     assert {"method": "hull8", "subject": record.subject} in said["without_numbers"]
     assert len(said["without_numbers"]) == len(others)
+
+
+@pytest.mark.parametrize("value", ["", " , "])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["eval", "--method", "hull8", "--dry-run", "--subjects"],
+        ["eval", "--method"],
+        ["data", "make", "avatars", "--subjects"],
+        ["report", "--method"],
+        ["results", "records", "x.jsonl", "--subjects"],
+    ],
+)
+def test_a_list_that_is_given_and_empty_does_not_mean_all(words: list[str], value: str) -> None:
+    assert refused(*words, value) == (
+        f"{words[-1]} names nothing. Name some, or leave {words[-1]} out for all"
+    )
+
+
+def test_a_plan_asks_for_the_datasets_folder(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.delenv("THUMAN21_ROOT", raising=False)
+    words = ["eval", "--dataset", "thuman21", "--method", "hull8", "--dry-run"]
+    found = CliRunner().invoke(app, [*words, "--workspace", f"{tmp_path}"])
+    assert isinstance(found.exception, MissingPart)
+    assert "set THUMAN21_ROOT" in str(found.exception)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--name", "foo"], "--name is of a folder of meshes, and --gt names one"),
+        (["--run", "bar"], "--run is of a folder of meshes"),
+        (["--points", "x.dat"], "--points x.dat (expected a file that ends in .npz)"),
+        ([], "is a folder (expected a mesh, with --gt)"),
+    ],
+)
+def test_scores_of_a_pair(tmp_path: Path, more: list[str], said: str) -> None:
+    (tmp_path / "a.ply").write_text("")
+    predicted = tmp_path / "a.ply" if more else tmp_path
+    assert said in refused("score", f"{predicted}", "--gt", f"{tmp_path / 'a.ply'}", *more)
+
+
+def test_a_published_table_takes_no_run() -> None:
+    said = refused("report", "--table", "published", "--run", "mine")
+    assert said.startswith("--run cannot be combined with --table published, which needs no run")
+
+
+def test_boards_and_baselines_that_are_not_there(tmp_path: Path) -> None:
+    assert refused("results", "compare", f"{tmp_path}", f"{tmp_path / 'no'}").startswith(
+        f"there is no board at {tmp_path / 'no'}"
+    )
+    run = tmp_path / "runs" / "golden"
+    shutil.copytree(GOLDEN, run)
+    RunStore(run).begin()
+    said = refused("check", f"{tmp_path / 'no.json'}", "--workspace", f"{tmp_path}")
+    assert said.endswith("Write a run's numbers there with --update")

@@ -128,5 +128,9 @@ def test_settings_are_checked():
     assert hull8.configured({"hull.voxel_m": "0.01"}).info.parameters["hull"]["voxel_m"] == 0.01
     with pytest.raises(HarnessError, match="Did you mean 'hull.voxel_m'"):
         hull8.configured({"hull.voxel": "0.01"})
+    for wrong in ("voxel_m=0", "voxel_m=-1", "block=-3", "margin_m=-0.1"):
+        name, value = wrong.split("=")
+        with pytest.raises(HarnessError, match=f"setting '{name}' cannot be '{float(value):g}"):
+            hull8.configured({f"hull.{name}": value})
     with pytest.raises(HarnessError, match="cannot be 'big'"):
         hull8.configured({"hull.voxel_m": "big"})

@@ -102,6 +102,10 @@ Accept = Annotated[
     bool, typer.Option("--accept", help="Import photos that contradict their cameras, too.")
 ]
 
+Replace = Annotated[
+    bool, typer.Option("--replace", help="Replace a capture of that name, of other photos, too.")
+]
+
 
 @app.command("import")
 def import_photos(
@@ -117,6 +121,7 @@ def import_photos(
     origin: Origin = "subject",
     longest: Longest = 1920,
     accept: Accept = False,
+    replace: Replace = False,
     timeout: Timeout = 3600.0,
     workspace: WorkspacePath = None,
     as_json: Json = False,
@@ -144,6 +149,7 @@ def import_photos(
         origin=origin,
         longest_px=longest,
         accept=accept,
+        replace=replace,
     )
     with shown_progress(quiet=as_json) as progress:
         made = import_capture(request, progress, limit_s(timeout))

@@ -164,6 +164,8 @@ def _methods(
 def _show_plan(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
     requests = seed_requests(request, parsed_seeds(seeds)) if seeds else (request,)
     announce(request.source.manifest, request.source.name, shown_progress())
+    # Without its folder nothing would run.
+    request.source.root()
     plans = [plan(each) for each in requests]
     if as_json:
         cells = [

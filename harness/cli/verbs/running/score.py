@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -96,6 +97,11 @@ def score(
     checked = load_manifest(manifest)
     rule = checked.protocol(protocol)
     if gt is not None and not dataset:
+        of_folders = {
+            "--name": name, "--title": title, "--subjects": subjects, "--reason": reason,
+            "--run": run != "main",
+        }  # fmt: skip
+        _check_pair(predicted, gt, points, of_folders)
         outcome = score_pair(predicted, gt, rule, keep_points=points is not None)
         if points is not None:
             _write_points(points, outcome)
@@ -121,11 +127,44 @@ def score(
         )
 
 
+def _check_pair(
+    predicted: Path, truth: Path, points: Path | None, of_folders: Mapping[str, object]
+) -> None:
+    """Refuse what a pair of meshes cannot be, and options that it takes no notice of."""
+    ignored = next((option for option, value in of_folders.items() if value), "")
+    if ignored:
+        raise HarnessError(
+            f"{ignored} is of a folder of meshes, and --gt names one", hint=f"Leave {ignored} out"
+        )
+    for path in (predicted, truth):
+        if path.is_dir():
+            raise HarnessError(
+                f"{path} is a folder",
+                expected="a mesh, with --gt",
+                hint="Score a folder with --dataset NAME --name METHOD",
+            )
+    if points is not None and points.suffix != ".npz":
+        raise HarnessError(f"--points {points}", expected="a file that ends in .npz")
+
+
+def _as_it_lies(truth: Path) -> str:
+    """What a reader should know of a truth in the place of a dataset's scan; empty elsewhere."""
+    folder = truth.resolve().parent
+    if folder.parent.name != "model" or folder.name != truth.stem:
+        return ""
+    return (
+        f"{truth} is compared as it lies in its file; a dataset's scan is turned, scaled and "
+        "centred when it is read: score meshes in the world frame with --dataset and --name"
+    )
+
+
 def _print_pair(
     predicted: Path, truth: Path, rule: MetricProtocol, outcome: Score, *, as_json: bool
 ) -> None:
+    warnings = [*outcome.warnings, *filter(None, [_as_it_lies(truth)])]
     if as_json:
-        print_json({**outcome.to_dict(), "predicted": str(predicted), "truth": str(truth)})
+        about = {"predicted": str(predicted), "truth": str(truth), "warnings": warnings}
+        print_json({**outcome.to_dict(), **about})
         return
     print(f"{predicted} against {truth}, protocol {rule.name} v{rule.version}")
     for key, value in outcome.metrics.items():
@@ -134,7 +173,7 @@ def _print_pair(
             f"  {METRICS[key].title:18} {value.value:9.3f} {value.unit:3} "
             f"± {value.standard_error:.3f} (standard error, n = {value.n}){floor}"
         )
-    for warning in outcome.warnings:
+    for warning in warnings:
         print(f"  warning: {warning}")
 
 

@@ -11,6 +11,7 @@ from harness.cli.display import shown_progress
 from harness.cli.options import (
     Json,
     ManifestPath,
+    MethodsToShow,
     Reason,
     Run,
     Subjects,
@@ -40,6 +41,7 @@ from harness.pipeline.report.tables import (
     FORMATS,
     PAIRED_TABLE,
     PUBLISHED_TABLE,
+    SEEDS_TABLE,
     TABLES,
     ReportRequest,
     build_published,
@@ -48,7 +50,7 @@ from harness.pipeline.report.tables import (
     written,
 )
 from harness.pipeline.run.store import RunStore
-from harness.pipeline.seeds import SEEDS_TABLE, table_of_seeds
+from harness.pipeline.seeds import table_of_seeds
 
 __all__ = ["app"]
 
@@ -67,14 +69,6 @@ TableName = Annotated[
 ]
 Format = Annotated[
     str, typer.Option("--format", metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.")
-]
-Methods = Annotated[
-    str,
-    typer.Option(
-        "--method",
-        metavar="NAMES",
-        help="Methods to show, comma-separated, in this order. Default: all.",
-    ),
 ]
 Interval = Annotated[
     bool,
@@ -164,7 +158,7 @@ def report(
     run: Run = None,
     records: RecordFile = None,
     before: Before = None,
-    method: Methods = "",
+    method: MethodsToShow = "",
     subjects: Subjects = "",
     interval: Interval = False,
     published: Published = False,

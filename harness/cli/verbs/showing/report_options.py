@@ -9,8 +9,12 @@ import typer
 
 from harness.core.errors import HarnessError
 from harness.pipeline.report.photo_tables import PHOTO_TABLES
-from harness.pipeline.report.tables import PAIRED_TABLE, TABLES
-from harness.pipeline.seeds import SEEDS_TABLE
+from harness.pipeline.report.tables import (
+    PAIRED_TABLE,
+    PUBLISHED_TABLE,
+    SEEDS_TABLE,
+    TABLES,
+)
 
 __all__ = ["given_options", "refuse_ignored", "refuse_with_before", "refuse_with_records"]
 
@@ -42,6 +46,9 @@ def refuse_ignored(given: Collection[str], table: str, figure: str, page: Path |
         kind, ignored = f"--table {table}", ("--published", "--paired", *_OF_PAGES)
     elif table == SEEDS_TABLE:
         kind, ignored = f"--table {table}", ("--published", "--paired", "--interval", *_OF_PAGES)
+    elif table == PUBLISHED_TABLE:
+        ignored = ("--run", "--reason", "--published", *_OF_PAGES)
+        kind = f"--table {table}, which needs no run"
     else:
         kind, ignored = "a table", _OF_PAGES
     for option in ignored:

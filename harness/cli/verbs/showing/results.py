@@ -12,6 +12,7 @@ from harness.cli.display import shown_progress
 from harness.cli.options import (
     Json,
     ManifestPath,
+    MethodsToShow,
     Reason,
     Run,
     Subjects,
@@ -30,7 +31,7 @@ from harness.pipeline.board.export import export_results, withheld
 from harness.pipeline.board.merge import merge_entry
 from harness.pipeline.board.page import write_board_page
 from harness.pipeline.board.record_file import write_record_file
-from harness.pipeline.board.verify import Truths, Verification, verify_entry
+from harness.pipeline.board.verify import NO_RECORD, Truths, Verification, verify_entry
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.tables import in_order
 from harness.pipeline.run.store import RunStore
@@ -46,10 +47,6 @@ Board = Annotated[
     Path, typer.Argument(metavar="BOARD", help="Folder of the board, which has the same form.")
 ]
 Target = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write.")]
-Methods = Annotated[
-    str,
-    typer.Option("--method", metavar="NAMES", help="Methods, comma-separated. Default: all."),
-]
 Version = Annotated[
     str,
     typer.Option("--version", metavar="TEXT", help="What you call this version of the method."),
@@ -77,7 +74,7 @@ def export(
     folder: Target,
     version: Version,
     run: Run = None,
-    method: Methods = "",
+    method: MethodsToShow = "",
     subjects: Subjects = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
@@ -104,7 +101,7 @@ def export(
 def records(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, or to replace.")],
     run: Run = None,
-    method: Methods = "",
+    method: MethodsToShow = "",
     subjects: Subjects = "",
     workspace: WorkspacePath = None,
 ) -> None:
@@ -121,7 +118,7 @@ def records(
 def verify(
     folder: Submission,
     dataset: Complete = "",
-    method: Methods = "",
+    method: MethodsToShow = "",
     since: Since = None,
     reason: Reason = "",
     workspace: WorkspacePath = None,
@@ -155,17 +152,28 @@ def merge(
     folder: Submission,
     board: Board,
     dataset: Complete = "",
-    method: Methods = "",
+    method: MethodsToShow = "",
     reason: Reason = "",
     workspace: WorkspacePath = None,
     manifest: ManifestPath = None,
 ) -> None:
-    """Verify results, put them on a board, and say what changes."""
+    """Verify results, put them on a board, and say what changes.
+
+    The exit code is 1 when something is wrong with some of them, which stay away.
+    """
     truths = Truths(load_manifest(manifest), Workspace.default(workspace), dataset, reason)
     with shown_progress() as progress:
+        faulty = False
         for entry in entries_in(folder, split_names(method)):
             found = verify_entry(entry, truths, progress)
+            if found.findings:
+                faulty = True
+                _print(found)
+                print(f"{entry.title} does not go on the board")
+                continue
             print(merge_entry(entry, found, Entry(board, entry.method, entry.version)))
+    if faulty:
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -221,6 +229,8 @@ def _chosen(store: RunStore, method: str, subjects: str) -> list[Record]:
 def _print(found: Verification) -> None:
     for finding in found.findings:
         print(f"WRONG  {finding}")
+    if any(finding.what == NO_RECORD for finding in found.findings):
+        print("  --dataset names a split that has to be complete instead of its dataset")
     text = f"{found.entry}: {len(found.scored)} meshes scored again, {len(found.failed)} failed"
     print(f"{text}, {len(found.findings)} findings")
     if found.unproven:

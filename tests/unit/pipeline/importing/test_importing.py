@@ -327,3 +327,19 @@ def test_a_method_for_eight_takes_every_second_photo_of_sixteen(count, photos):
     ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
     chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), ring)
     assert chosen.capture.numbers[:8] == tuple(photos)
+
+
+def test_a_capture_of_other_photos_is_not_replaced_unasked(native, tmp_path):
+    folder = exported(native, tmp_path / "out")
+    other = exported(native, tmp_path / "other", alpha=False, masks=True)
+    asked = request(folder, tmp_path / "in")
+    first = Capture.load(import_photos(asked, silent).path)
+    # Of the same photos: with another scale, or some of them.
+    import_photos(replace(asked, scale="1.01"), silent)
+    others = replace(request(other, tmp_path / "in"), masks=str(other / "masks"))
+    with pytest.raises(
+        HarnessError, match="capture 't' of other photos is there already.*--replace"
+    ):
+        import_photos(others, silent)
+    assert Capture.load(first.directory).cameras[0].size == first.cameras[0].size
+    import_photos(replace(others, replace=True), silent)

@@ -14,6 +14,7 @@ from PIL import Image
 from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError
 from harness.core.formats.mesh_files import load_mesh
+from harness.core.formats.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.geometry.images import load_rgb
 from harness.geometry.photo import open_photo
@@ -109,6 +110,8 @@ def test_a_capture_without_a_scan_is_reconstructed_and_written(tmp_path, workspa
     assert "which have no scan" in truth.failure
     assert not done.all_ok
     assert hull.result is not None
+    told = json.loads(json.dumps(to_json(done)))
+    assert told["outcomes"][0]["result"]["folder"] == str(tmp_path / "out" / "hull8")
     assert min(hull.result.silhouette_iou) > 0.9
     folder = tmp_path / "out" / "hull8"
     meshes = [load_mesh(folder / f"mesh.{suffix}") for suffix in ("ply", "glb")]
