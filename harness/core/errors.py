@@ -120,5 +120,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if close:
         return f"Did you mean '{close[0]}'?"
-    shown, more = names[:_NAMES_SHOWN], len(names) - _NAMES_SHOWN
+    # One more takes no more room than to say so.
+    shown = names if len(names) == _NAMES_SHOWN + 1 else names[:_NAMES_SHOWN]
+    more = len(names) - len(shown)
     return f"Known: {', '.join(shown) or 'none'}{f' and {more} more' if more > 0 else ''}"

@@ -183,6 +183,12 @@ class Manifest:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lines, raw = read_yaml(path)
+        if not isinstance(raw, dict):
+            raise DataError(
+                f"{path} is no manifest",
+                expected="names with values: schema, datasets, recipes, protocols",
+                got="nothing" if raw is None else type(raw).__name__,
+            )
         document = self._validate(_Document, raw, ())
         self._check_names(document)
         self.datasets: dict[str, Dataset] = document.datasets

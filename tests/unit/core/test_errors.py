@@ -64,3 +64,5 @@ def test_did_you_mean() -> None:
     assert did_you_mean("zzz", []) == "Known: none"
     many = did_you_mean("zzz", [f"name{i:02d}" for i in range(23)])
     assert many.endswith("name19 and 3 more")
+    one_more = did_you_mean("zzz", [f"name{i:02d}" for i in range(21)])
+    assert one_more.endswith("name19, name20")
