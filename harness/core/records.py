@@ -172,7 +172,7 @@ class Record:
             return self.method.view_count
         if self.method.views is None:
             return self.capture.views or None
-        return len([view for view in self.method.views if view < (self.capture.views or view + 1)])
+        return min(len(self.method.views), self.capture.views or len(self.method.views))
 
     @property
     def method_name(self) -> str:

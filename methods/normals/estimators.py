@@ -116,9 +116,10 @@ class NormalChoice:
         """What the estimator is given beyond photos; shipped networks know generated people."""
         if self.kind == "oracle":
             return (_PRIVILEGE,)
-        shipped = {network.name for network in installed.listed(installed.shipped_place())}
-        learned = self.kind == "open" or self.model in shipped
-        return (Privilege.GENERATOR_PRIOR,) if learned else ()
+        # By content: it may be named by its file, or be imported under another name.
+        shipped = {network.sha256 for network in installed.listed(installed.shipped_place())}
+        learned = self.kind == "onnx" and self.part.sha256 in shipped
+        return (Privilege.GENERATOR_PRIOR,) if learned or self.kind == "open" else ()
 
     @property
     def part(self) -> Part:

@@ -267,6 +267,26 @@ def test_a_version_that_lost_a_subject_or_is_wrong_does_not_go_on_the_board(
     assert [entry.version for entry in entries_in(board)] == ["1"]
 
 
+def test_subjects_outside_a_split_are_lost_to_a_board_that_has_them(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    board = world / "board"
+    merged(handed_in, verified(handed_in), board)
+    store = RunStore.existing(Workspace(world), None)
+    (second,) = export_results(store, store.records(), "2", world / "in")
+    with pytest.raises(HarnessError, match=r"lost subjects that gt/1 has \(got t2, t3\)"):
+        merged(second, verified(second, complete="toy-one"), board)
+
+
+def test_a_file_of_another_name_is_one_finding(handed_in: Entry, verified: Callable) -> None:
+    (handed_in.directory / "t1 (1).json").write_text("{}")
+    found = verified(handed_in)
+    ((subject, what),) = texts(found)
+    assert subject == "t1 (1)"
+    assert "cannot be the name of a subject" in what
+    assert found.scored == ("t1", "t2", "t3")
+
+
 def test_a_new_version_says_what_it_changes(
     world: Path, handed_in: Entry, verified: Callable
 ) -> None:

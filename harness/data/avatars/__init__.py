@@ -10,13 +10,14 @@ Read ``recipe`` (who and what: ``subjects``, ``training``, ``populations``, ``cr
 """
 
 from harness.data.avatars.build import AVATARS_VERSION, make_avatar
-from harness.data.avatars.recipe import AvatarRecipe, recipe_for, subject_ids
+from harness.data.avatars.recipe import AvatarRecipe, is_for_training, recipe_for, subject_ids
 from harness.data.avatars.sheet import avatar_sheet
 
 __all__ = [
     "AVATARS_VERSION",
     "AvatarRecipe",
     "avatar_sheet",
+    "is_for_training",
     "make_avatar",
     "recipe_for",
     "subject_ids",

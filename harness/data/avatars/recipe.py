@@ -34,7 +34,7 @@ from harness.data.avatars.subjects.populations import (
 from harness.data.avatars.subjects.training import TRAINING_ID, training_subject
 from harness.data.avatars.subjects.written import SUBJECTS, Subject
 
-__all__ = ["AvatarRecipe", "recipe_for", "subject_ids"]
+__all__ = ["AvatarRecipe", "is_for_training", "recipe_for", "subject_ids"]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class AvatarRecipe:
     @property
     def is_for_training(self) -> bool:
         """Whether networks may be trained on the subject; it is no test subject then."""
-        return any(form.fullmatch(self.id) for form, _ in _FOR_TRAINING)
+        return is_for_training(self.id)
 
     @property
     def clothing(self) -> str:
@@ -103,6 +103,11 @@ _FOR_TRAINING = (
     (WIDE_TRAINING_ID, wide_training_subject),
     (CREASED_TRAINING_ID, creased_training_subject),
 )
+
+
+def is_for_training(subject_id: str) -> bool:
+    """Whether networks may be trained on the subject of an id; nothing is drawn to say so."""
+    return any(form.fullmatch(subject_id) for form, _ in _FOR_TRAINING)
 
 
 def _described(subject_id: str) -> Subject:

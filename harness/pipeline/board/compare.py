@@ -60,13 +60,12 @@ def compare_boards(base: Path, head: Path) -> tuple[EntryChange, ...]:
         head: The board as it would be.
 
     Raises:
-        HarnessError: no such folder.
+        HarnessError: the board as it would be is no folder.
         DataError: a record that cannot be read.
     """
-    for folder in (base, head):
-        if not folder.is_dir():
-            hint = "A board without results is an empty folder"
-            raise HarnessError(f"there is no board at {folder}", hint=hint)
+    if not head.is_dir():
+        hint = "A board without results is an empty folder"
+        raise HarnessError(f"there is no board at {head}", hint=hint)
     removed = [entry for entry in _entries(base) if not _there(entry, head).subjects()]
     changes = [_change(entry, _there(entry, base)) for entry in changed_entries(base, head)]
     changes += [EntryChange(entry.title, faults=("removed",)) for entry in removed]

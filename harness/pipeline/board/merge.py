@@ -66,7 +66,7 @@ def merge_entry(entry: Entry, verified: Verification, board: Entry) -> MergedEnt
             f"{board.title} is on the board already", hint="Hand it in as another version"
         )
     last = last_version(board)
-    lost = sorted(set(proven(last)) - set(proven(entry))) if last else []
+    lost = sorted(set(proven(last)) - set(verified.scored)) if last else []
     if last and lost:
         raise HarnessError(
             f"{entry.title} has lost subjects that {last.title} has", got=", ".join(lost)

@@ -146,11 +146,11 @@ class _Verifier:
         records: list[Record] = []
         findings: list[Finding] = []
         for subject in self.entry.subjects():
-            if links := self.entry.links(subject):
-                findings.append(self._finding(subject, f"{links[0]} is a link, not a file"))
-                continue
             try:
-                records.append(self.entry.record(subject))
+                if links := self.entry.links(subject):
+                    findings.append(self._finding(subject, f"{links[0]} is a link, not a file"))
+                else:
+                    records.append(self.entry.record(subject))
             except HarnessError as error:
                 findings.append(self._finding(subject, str(error)))
         datasets = sorted({record.dataset for record in records})

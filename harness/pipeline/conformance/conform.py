@@ -33,6 +33,7 @@ from harness.pipeline.conformance.verdict import CHECKS, Answer, Certificate, Ch
 from harness.pipeline.inputs.captures import photograph
 from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.progress import Progress
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import method_code
@@ -277,10 +278,11 @@ def _compared(plain: TrialResult, other: TrialResult) -> _Same:
 
 def _undeclared(capture: Capture, info: MethodInfo) -> list[Path]:
     """The pictures that a method does not declare."""
-    front = capture.from_front()
-    count = len(front.cameras)
-    declared = {front.image_path(view) for view in info.views_of(count) if view < count}
-    return [path for path in map(front.image_path, range(count)) if path not in declared]
+    chosen = views_for(info, capture).capture
+    count = len(chosen.cameras)
+    declared = {chosen.image_path(view) for view in info.views_of(count) if view < count}
+    every = map(capture.image_path, range(len(capture.cameras)))
+    return [path for path in every if path not in declared]
 
 
 def _changed_photos(capture: Capture, folder: Path, info: MethodInfo, changes: _Changes) -> Path:

@@ -1,8 +1,9 @@
 """Which photos a method is given that was made for a ring of eight.
 
 Such a method counts views from the front, 45 degrees apart. Imported photos stand anywhere, and a
-ring may have more photos or fewer: each of the method's views gets the photo that was taken most
-nearly from there, all together, and each photo once.
+ring of more photos has others between: each of the method's views gets the photo that was taken
+most nearly from there, all together, and each photo once. Views beyond the eighth are those of the
+ring itself.
 """
 
 from __future__ import annotations
@@ -42,13 +43,14 @@ class ChosenViews:
 def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
     """The photos of a capture as a method counts them.
 
-    Eight rendered photos are counted from the front, and so are those of a method that takes all.
+    Up to eight rendered photos are counted from the front, and so are those of a method that takes
+    all, or that counts further than eight.
 
     Raises:
         MethodError: the method takes more photos than there are.
     """
     wanted, count = method.views, len(capture.cameras)
-    if wanted is None or (capture.recipe != IMPORTED and count == _RING):
+    if wanted is None or (capture.recipe != IMPORTED and not _is_thinned(wanted, count)):
         return ChosenViews(capture.from_front(), {})
     if len(wanted) > count:
         raise MethodError(
@@ -80,6 +82,14 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
     if far:
         details["photos_far_from_their_view_deg"] = {str(view): deg for view, deg in far.items()}
     return ChosenViews(picked, details)
+
+
+def _is_thinned(wanted: tuple[int, ...], count: int) -> bool:
+    """Whether views of a ring of eight are wanted of a ring that has them elsewhere."""
+    if count < _RING:
+        # Of four photos, the front and the back are there, but not under their numbers.
+        return len(wanted) <= count <= max(wanted, default=0)
+    return count > _RING and max(wanted, default=0) < _RING
 
 
 def _angles_deg(capture: Capture, wanted: tuple[int, ...]) -> Floats:

@@ -262,6 +262,8 @@ def _folder(
         dataset=CAPTURES,
         subject=name,
         recipe=IMPORTED,
+        # Under its own name it is the same folder, whose photos may have been made anew.
+        replace=not request.name,
     )
     made = import_capture(job, progress, request.timeout_s)
     return name, made

@@ -91,17 +91,19 @@ def bodies(store: RunStore, source: Source, records: Sequence[Record], path: Pat
     subject = source.subjects[0]
     scan, _ = source.load(subject)
     rows: list[MethodMesh] = []
+    drawn: list[str] = []
     for method, title in _complete_methods(records, (subject,)).items():
         record = _record(records, method, subject)
         if BODY_FILE in record.files:
             require_scan(record, scan)
+            drawn.append(method)
             body = load_body_mesh(store.result(record, BODY_FILE), source=title)
             rows.append(MethodMesh(title, body))
     if not rows:
         raise HarnessError(
             f"no method fitted a body to {subject}", hint="Run 'harness eval --method jmbo8'"
         )
-    capture = _photos(source, subject, records, [record.method_name for record in records])
+    capture = _photos(source, subject, records, drawn)
     body_overlay(rows, _true_mesh(scan, rows), capture, path)
     return path
 

@@ -172,7 +172,11 @@ def _score_subject(
 def _scored(
     request: FolderRequest, method: MethodInfo, subject: str, path: Path | None, kept: Path
 ) -> _Scored:
-    """A mesh's scores; what was scored is kept, so that it can be looked at and handed in."""
+    """A mesh's scores; what was scored is kept, so that it can be looked at and handed in.
+
+    A mesh with texture coordinates is not: normals end at the seams of its texture, which only its
+    own file has.
+    """
     if path is None:
         return _Scored("missing", f"no mesh of {subject} in {request.folder}")
     try:
@@ -188,6 +192,8 @@ def _scored(
         return _Scored("failed", str(error), inputs=inputs)
     if file_sha256(path) != inputs.mesh:
         return _Scored("failed", f"{path} changed while it was scored")
-    save_mesh(kept, predicted.geometry())
-    files = {kept.name: file_sha256(kept)}
+    files: dict[str, str] = {}
+    if predicted.uv is None:
+        save_mesh(kept, predicted)
+        files[kept.name] = file_sha256(kept)
     return _Scored("ok", scores=scores, inputs=inputs, files=files)

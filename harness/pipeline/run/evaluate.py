@@ -258,7 +258,7 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
     source = request.source
 
     def told(message: str) -> str:
-        return source.workspace.within(named_from(message, source.root().parent))
+        return named_from(source.workspace.within(message), source.root().parent)
 
     return Record(
         key=cell.key,

@@ -12,6 +12,7 @@ from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.atomic import exclusive_lock, remove_leftovers, write_json
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import checked_name
+from harness.core.privileges import Privilege
 from harness.core.records import Record
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.publication import (
@@ -194,7 +195,9 @@ class RunStore:
         if expected is None:
             raise DataError(
                 f"the record of {record.method_name} on {record.subject} has no {name}",
-                hint="Evaluate again: records of earlier versions do not list their files",
+                hint="Score it as PLY: meshes with texture coordinates are not kept"
+                if Privilege.MADE_ELSEWHERE in record.privileges
+                else "Evaluate again: records of earlier versions do not list their files",
             )
         if not path.is_file() or file_sha256(path) != expected:
             raise DataError(

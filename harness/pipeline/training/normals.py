@@ -12,7 +12,7 @@ from harness.core.array_files.npz import MOST_NPZ_BYTES
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_text
 from harness.core.files.hashing import file_sha256
-from harness.data.avatars import AVATARS_VERSION, recipe_for
+from harness.data.avatars import AVATARS_VERSION, is_for_training
 from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress
@@ -255,7 +255,7 @@ def _refuse_tested(source: Source) -> None:
     tested = [
         subject
         for subject in (source.subjects if source.is_generated else ())
-        if not recipe_for(subject).is_for_training
+        if not is_for_training(subject)
     ]
     if tested:
         raise HarnessError(

@@ -329,6 +329,25 @@ def test_a_method_for_eight_takes_every_second_photo_of_sixteen(count, photos):
     assert chosen.capture.numbers[:8] == tuple(photos)
 
 
+@pytest.mark.parametrize(
+    ("count", "views", "photos"),
+    [
+        (4, (0, 1, 2, 3), (0, 1, 2, 3)),
+        (4, (0, 2), (0, 2)),
+        (4, (0, 4), (0, 2)),
+        (6, tuple(range(8)), tuple(range(6))),
+        (16, (0, 4), (0, 8)),
+        (16, (0, 8), (0, 8)),
+        (16, (0, 4, 8, 12), (0, 4, 8, 12)),
+    ],
+)
+def test_views_of_rings_of_other_numbers(count, views, photos):
+    ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
+    chosen = views_for(MethodInfo("m", "M", views=views), ring).capture
+    there = [view for view in views if view < len(chosen.cameras)]
+    assert tuple(chosen.numbers[view] for view in there) == photos
+
+
 def test_a_capture_of_other_photos_is_not_replaced_unasked(native, tmp_path):
     folder = exported(native, tmp_path / "out")
     other = exported(native, tmp_path / "other", alpha=False, masks=True)

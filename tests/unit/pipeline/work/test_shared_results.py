@@ -129,7 +129,7 @@ def test_waiting_while_another_makes_it_costs_nothing_more(work, share):
 
     def make():
         began.set()
-        time.sleep(0.4)
+        time.sleep(1.0)
         return VALUES
 
     slow, meter = replace(work, make=make), StageMeter()
@@ -140,7 +140,8 @@ def test_waiting_while_another_makes_it_costs_nothing_more(work, share):
         share(meter)(slow)
     maker.join()
     (stage,) = meter.stages
-    assert 0.4 <= stage.wall_s < 0.7
+    # The cost that is taken over, and not the wait for it once more.
+    assert 1.0 <= stage.wall_s < 1.8
 
 
 def test_what_is_borrowed_adds_time_and_lifts_the_peak():
