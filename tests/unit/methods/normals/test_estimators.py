@@ -7,6 +7,7 @@ import pytest
 
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import content_hash
+from harness.core.privileges import Privilege
 from harness.core.protocols import EstimatedNormals
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.run.chosen_method import ChosenMethod
@@ -139,8 +140,11 @@ def test_the_open_network_is_the_shipped_one(places, save_network):
     shipped = installed.import_file(other, OPEN_NETWORK, installed.shipped_place())
     part = choice.part
     assert (part.name, part.licence, part.sha256) == (OPEN_NETWORK, "Apache-2.0", shipped.sha256)
-    assert choice.privileges == ()
+    assert choice.privileges == (Privilege.GENERATOR_PRIOR,)
     assert NormalChoice("onnx", OPEN_NETWORK).part.sha256 == own.sha256 != shipped.sha256
+    # What was trained on generated people is known by its content, whatever it is called.
+    assert NormalChoice("onnx", OPEN_NETWORK).privileges == ()
+    assert NormalChoice("onnx", str(other)).privileges == (Privilege.GENERATOR_PRIOR,)
 
 
 def test_a_name_means_the_user_s_own_network_or_else_a_shipped_one(places, save_network):
