@@ -30,12 +30,17 @@ ERRORS = {
 }  # fmt: skip
 
 
+def as_version(world: Path, version: str) -> Entry:
+    """The world's results as a version that is handed in."""
+    store = RunStore.existing(Workspace(world), None)
+    (entry,) = export_results(store, store.records(), version, world / "in")
+    return entry
+
+
 @pytest.fixture
 def handed_in(world: Path, measured: None) -> Entry:
     """The world's results of ``gt`` as version 1."""
-    store = RunStore.existing(Workspace(world), None)
-    (entry,) = export_results(store, store.records(), "1", world / "in")
-    return entry
+    return as_version(world, "1")
 
 
 @pytest.fixture
@@ -255,8 +260,7 @@ def test_a_version_that_lost_a_subject_or_is_wrong_does_not_go_on_the_board(
 ) -> None:
     board = world / "board"
     merged(handed_in, verified(handed_in), board)
-    store = RunStore.existing(Workspace(world), None)
-    (second,) = export_results(store, store.records(), "2", world / "in")
+    second = as_version(world, "2")
     failed(second, "t1")
 
     with pytest.raises(HarnessError, match=r"lost subjects that gt/1 has \(got t1\)"):
@@ -272,8 +276,7 @@ def test_subjects_outside_a_split_are_lost_to_a_board_that_has_them(
 ) -> None:
     board = world / "board"
     merged(handed_in, verified(handed_in), board)
-    store = RunStore.existing(Workspace(world), None)
-    (second,) = export_results(store, store.records(), "2", world / "in")
+    second = as_version(world, "2")
     with pytest.raises(HarnessError, match=r"lost subjects that gt/1 has \(got t2, t3\)"):
         merged(second, verified(second, complete="toy-one"), board)
 
@@ -292,8 +295,7 @@ def test_a_new_version_says_what_it_changes(
 ) -> None:
     board = world / "board"
     merged(handed_in, verified(handed_in), board)
-    store = RunStore.existing(Workspace(world), None)
-    (second,) = export_results(store, store.records(), "2", world / "in")
+    second = as_version(world, "2")
 
     assert str(merged(second, verified(second), board)).startswith(
         "gt/2, against 1: 3 subjects, chamfer "

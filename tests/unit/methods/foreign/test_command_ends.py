@@ -6,13 +6,11 @@ import shutil
 import subprocess
 import sys
 import textwrap
-import time
-from pathlib import Path
 
 import pytest
 
 from harness.core.errors import Killed, MethodError, MissingPart
-from tests.unit.methods.foreign.toys import described
+from tests.unit.methods.foreign.toys import described, runs, until
 
 
 @pytest.mark.parametrize(
@@ -83,7 +81,7 @@ def test_nothing_stays_behind_a_command_that_ended(folder, capture, context, tmp
     (folder / "run.py").write_text(STAYS.format(mark=str(mark), after=""))
     with pytest.raises(MethodError, match="wrote no mesh"):
         described(folder).reconstruct(capture, context)
-    assert not [pid for pid in map(int, mark.read_text().split()) if _runs(pid)]
+    assert not [pid for pid in map(int, mark.read_text().split()) if runs(pid)]
 
 
 def test_nothing_stays_when_the_process_that_asked_is_killed(folder, capture, tmp_path):
@@ -100,25 +98,11 @@ def test_nothing_stays_when_the_process_that_asked_is_killed(folder, capture, tm
     )
     process = subprocess.Popen([sys.executable, "-c", program])
     try:
-        _until(lambda: mark.exists() and len(mark.read_text().split()) == 3)
+        until(lambda: mark.exists() and len(mark.read_text().split()) == 3)
         process.kill()
         process.wait()
         pids = [int(text) for text in mark.read_text().split()]
-        _until(lambda: not any(map(_runs, pids)))
+        until(lambda: not any(map(runs, pids)))
     finally:
         process.kill()
         process.wait()
-
-
-def _until(happens) -> None:
-    end = time.monotonic() + 30
-    while not happens():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
-    except OSError:
-        return False

@@ -7,7 +7,6 @@ import stat
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from harness.core.errors import DataError, Killed, MethodError, MissingPart
 from methods.foreign.exchange import asked
 from methods.foreign.interpreter import Interpreter, environment_of
 from methods.foreign.manifest import MANIFEST, Worker, read_worker
+from tests.unit.methods.foreign.toys import runs, until
 
 DESCRIPTION = """\
 name = "toy"
@@ -171,29 +171,15 @@ def test_a_worker_ends_with_the_process_that_asked(folder, foreign, tmp_path):
     )
     process = subprocess.Popen([sys.executable, "-c", program], env={**os.environ})
     try:
-        _until(mark.exists)
-        _until(lambda: mark.read_text() != "")
+        until(mark.exists)
+        until(lambda: mark.read_text() != "")
         worker = int(mark.read_text())
         process.kill()
         process.wait()
-        _until(lambda: not _runs(worker))
+        until(lambda: not runs(worker))
     finally:
         process.kill()
         process.wait()
-
-
-def _until(happens) -> None:
-    end = time.monotonic() + 30
-    while not happens():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 WRONG = {

@@ -1,7 +1,9 @@
-"""A ball to photograph, and a method that is a command: it writes one triangle."""
+"""A ball to photograph, a method that is a command and writes one triangle, and processes."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -38,3 +40,19 @@ def described(folder: Path, *lines: str, without: str = "nothing at all") -> Com
     kept = [line for line in DESCRIPTION.splitlines() if not line.startswith(without)]
     (folder / METHOD_FILE).write_text("\n".join([*kept, *lines]) + "\n")
     return CommandMethod.at(folder)
+
+
+def until(happens: Callable[[], object]) -> None:
+    """Return once something is so; it fails after half a minute."""
+    end = time.monotonic() + 30
+    while not happens():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def runs(pid: int) -> bool:
+    """Whether a process is there and is no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
+    except OSError:
+        return False
