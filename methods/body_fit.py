@@ -197,7 +197,7 @@ class BodyFit:
         network = _normal_choice(self.settings) if self.settings.wants_network else None
         return (
             self.settings.model == "anny"
-            or not self.settings.is_published
+            or (self.settings.stage == "jmbo" and not self.settings.is_published)
             or (network is not None and Privilege.GENERATOR_PRIOR in network.privileges)
         )
 

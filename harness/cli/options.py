@@ -39,7 +39,9 @@ def _some(context: typer.Context, parameter: typer.CallbackParam, value: str) ->
     source = context.get_parameter_source(parameter.name or "")
     if source is not None and source.name == "COMMANDLINE" and not value.strip(" ,"):
         name = parameter.opts[0]
-        raise HarnessError(f"{name} names nothing", hint=f"Name some, or leave {name} out for all")
+        needed = parameter.required or parameter.default
+        hint = "Name some" if needed else f"Name some, or leave {name} out for all"
+        raise HarnessError(f"{name} names nothing", hint=hint)
     return value
 
 

@@ -36,6 +36,10 @@ _EARLIER_SCHEMAS = (2, 3)
 Status = Literal["ok", "failed", "missing"]
 
 
+#: Methods count views as those of a ring of so many, unless they count further.
+_RING = 8
+
+
 @dataclass(frozen=True, slots=True)
 class ProtocolStamp:
     """Which metric protocol made the numbers."""
@@ -172,7 +176,11 @@ class Record:
             return self.method.view_count
         if self.method.views is None:
             return self.capture.views or None
-        return min(len(self.method.views), self.capture.views or len(self.method.views))
+        views, there = self.method.views, self.capture.views
+        if not there or max(views, default=0) < _RING:
+            # Places of a ring of eight: each has a photo while there are any.
+            return min(len(views), there or len(views))
+        return len([view for view in views if view < there])
 
     @property
     def method_name(self) -> str:

@@ -76,7 +76,7 @@ def _keep_others(request: ImportRequest, photos: Collection[str]) -> None:
     if before and before.isdisjoint(photos):
         raise HarnessError(
             f"a capture '{request.subject}' of other photos is there already",
-            hint="Give another --name, or import it with --replace",
+            hint="Give another --name, or say --replace with 'harness capture import'",
         )
 
 

@@ -44,7 +44,8 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
     """The photos of a capture as a method counts them.
 
     Up to eight rendered photos are counted from the front, and so are those of a method that takes
-    all, or that counts further than eight.
+    all, or that counts further than eight. Of fewer than eight, views that do not exist under their
+    numbers are found by where they stand, if there are photos enough.
 
     Raises:
         MethodError: the method takes more photos than there are.

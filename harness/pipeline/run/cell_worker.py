@@ -112,7 +112,9 @@ class _Task:
             if truth is not None:
                 # Scoring is no cost of the method's.
                 others = self._sharing(StageMeter())
-                scores = scores_of(result, chosen.capture, truth, self.job.protocol, others)
+                # On all photos, whichever of them the method was given.
+                every = self._capture().from_front()
+                scores = scores_of(result, every, truth, self.job.protocol, others)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except (Killed, WriteError) as error:

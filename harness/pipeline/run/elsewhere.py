@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError, did_you_mean
@@ -29,6 +29,10 @@ from metrics.score import Score, score
 __all__ = ["FolderRequest", "score_folder", "score_pair"]
 
 _MESH_FILE = "mesh.ply"
+_SEAMS = (
+    "normals end at the seams of its texture, which the mesh that is kept does not have: hand in "
+    "results of a mesh without texture coordinates, such as a PLY"
+)
 
 
 def score_pair(
@@ -174,8 +178,7 @@ def _scored(
 ) -> _Scored:
     """A mesh's scores; what was scored is kept, so that it can be looked at and handed in.
 
-    A mesh with texture coordinates is not: normals end at the seams of its texture, which only its
-    own file has.
+    Of a mesh with texture coordinates this loses the seams, at which normals end.
     """
     if path is None:
         return _Scored("missing", f"no mesh of {subject} in {request.folder}")
@@ -192,8 +195,8 @@ def _scored(
         return _Scored("failed", str(error), inputs=inputs)
     if file_sha256(path) != inputs.mesh:
         return _Scored("failed", f"{path} changed while it was scored")
-    files: dict[str, str] = {}
-    if predicted.uv is None:
-        save_mesh(kept, predicted)
-        files[kept.name] = file_sha256(kept)
+    save_mesh(kept, predicted.geometry())
+    files = {kept.name: file_sha256(kept)}
+    if predicted.uv is not None and request.protocol.texture_seams == "split":
+        scores = replace(scores, warnings=(*scores.warnings, _SEAMS))
     return _Scored("ok", scores=scores, inputs=inputs, files=files)

@@ -195,7 +195,7 @@ class RunStore:
         if expected is None:
             raise DataError(
                 f"the record of {record.method_name} on {record.subject} has no {name}",
-                hint="Score it as PLY: meshes with texture coordinates are not kept"
+                hint="Score it again: earlier versions did not keep meshes made elsewhere"
                 if Privilege.MADE_ELSEWHERE in record.privileges
                 else "Evaluate again: records of earlier versions do not list their files",
             )

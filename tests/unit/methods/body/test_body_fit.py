@@ -343,6 +343,7 @@ def test_photos_are_read_once_for_all_that_share_them(capture, tmp_path, monkeyp
         ({"normals": "onnx", "normals_model": "open-normals"}, True),
         ({"normals": "onnx", "normals_model": str(named("open-normals").path)}, True),
         ({"normals": "off", "prior": "0.001"}, True),
+        ({"stage": "landmarks", "uncovered": "0.5"}, False),
         ({"normals": "off", "model": "anny"}, True),
     ],
 )

@@ -1,6 +1,7 @@
 """A mesh in another unit, place or frame: a method's own is measured, a file's is refused."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,7 +85,7 @@ def test_a_pair_of_files_is_refused(tmp_path, name):
     assert MISTAKES[name][2] in str(refusal.value)
 
 
-def scored_folder(tmp_path, subjects) -> list[Record]:
+def scored_folder(tmp_path, subjects, protocol=PROTOCOL) -> list[Record]:
     """Records of the meshes in ``mine``, measured against the person under each subject's name."""
     for subject in subjects:
         write_scan(tmp_path / "scans" / "model" / subject)
@@ -104,7 +105,7 @@ def scored_folder(tmp_path, subjects) -> list[Record]:
         name="mine",
         title="Mine",
         truth=ScanSet("toy", dataset, tmp_path / "scans", tuple(subjects)),
-        protocol=PROTOCOL,
+        protocol=protocol,
         store=RunStore(tmp_path / "runs"),
     )
     return [outcome.record for outcome in score_folder(request, Silent())]
@@ -127,3 +128,17 @@ def test_records_of_a_folder_name_files_without_the_machines_folders(tmp_path):
     assert (broken.status, missing.status) == ("failed", "missing")
     assert broken.reason.startswith("mine/t1.ply")
     assert missing.reason == "no mesh of t2 in mine"
+
+
+def test_a_mesh_with_a_texture_is_kept_without_its_seams_and_says_so(tmp_path):
+    write_scan(tmp_path / "scans" / "model" / "t2")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "scans" / "model" / "t2" / "t2.obj").rename(tmp_path / "mine" / "t1.obj")
+    save_mesh(tmp_path / "mine" / "t2.ply", person())
+    shutil.rmtree(tmp_path / "scans")
+    split = replace(PROTOCOL, texture_seams="split")
+    textured, plain = scored_folder(tmp_path, ["t1", "t2"], split)
+    assert (textured.status, plain.status) == ("ok", "ok")
+    assert set(textured.files) == set(plain.files) == {"mesh.ply"}
+    assert [text for text in textured.warnings if "seams of its texture" in text]
+    assert not [text for text in plain.warnings if "seams" in text]

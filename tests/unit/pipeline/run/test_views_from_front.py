@@ -16,6 +16,7 @@ from harness.geometry.images import save_png
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run import cell_worker
+from harness.pipeline.run.cell import scores_of
 from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import evaluated
@@ -28,9 +29,11 @@ datasets:
 rigs:
   ring8: {views: 8}
   published8: {views: 8, first_yaw_deg: 90.0}
+  ring16: {views: 16}
 recipes:
   ours: {rig: ring8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
   theirs: {rig: published8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
+  many: {rig: ring16, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
 protocols:
   exact: {version: 1, samples: 500, sampling: stratified, chamfer: point-to-surface}
 """
@@ -64,12 +67,10 @@ class Witness:
         return Reconstruction(tetrahedron())
 
 
-@pytest.mark.parametrize("recipe", ["ours", "theirs"])
-def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
+def carried_out(witness, filed, world, monkeypatch) -> dict:
+    """The result of a cell of the witness on a filed capture."""
     manifest = load_manifest(world / "m.yaml")
-    source = Source.select(manifest, Workspace(world), "toy", (), recipe)
-    filed = source.ensure_capture("t1", lambda *_: None)
-    witness = Witness()
+    source = Source.select(manifest, Workspace(world), "toy", (), filed.recipe)
     chosen = ChosenMethod("witness", "witness", {}, "methods.gt", witness)
     monkeypatch.setattr(ChosenMethod, "of", lambda *_, **__: chosen)
     protocol = manifest.protocol("exact")
@@ -79,6 +80,20 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     job = CellJob(source.only("t1"), chosen, protocol, 0, inputs, cell, keep=False)
     told = cell_worker.handle(job.to_dict(), lambda *_: None)
     assert told["status"] == "ok", told["reason"]
+    return told
+
+
+def filed_capture(world, recipe):
+    """The subject's photos by a recipe, as they lie on disk."""
+    manifest = load_manifest(world / "m.yaml")
+    source = Source.select(manifest, Workspace(world), "toy", (), recipe)
+    return source.ensure_capture("t1", lambda *_: None)
+
+
+@pytest.mark.parametrize("recipe", ["ours", "theirs"])
+def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
+    filed, witness = filed_capture(world, recipe), Witness()
+    told = carried_out(witness, filed, world, monkeypatch)
 
     assert told["scores"]["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
     front, back = (witness.shown.cameras[view] for view in witness.info.views)
@@ -88,6 +103,22 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     assert witness.shown.image_path(0) == filed.image_path(number)
     # What is on disk keeps the rig's own numbers.
     np.testing.assert_allclose(filed.cameras[number].position, [0, 0, 3], atol=1e-12)
+
+
+def test_of_sixteen_photos_a_method_is_given_its_own_and_scored_on_all(world, monkeypatch):
+    seen: list[int] = []
+
+    def scored(result, capture, *rest):
+        seen.append(len(capture.cameras))
+        return scores_of(result, capture, *rest)
+
+    monkeypatch.setattr(cell_worker, "scores_of", scored)
+    filed, witness = filed_capture(world, "many"), Witness()
+    told = carried_out(witness, filed, world, monkeypatch)
+    assert told["details"]["photos_by_view"] == {"0": 0, "4": 8}
+    back = witness.shown.cameras[4]
+    np.testing.assert_allclose(back.position, [0, 0, -3], atol=1e-12)
+    assert seen == [16]
 
 
 def test_both_numberings_are_the_same_eight_photos(world):
