@@ -28,10 +28,9 @@ from harness.pipeline.progress import Progress
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.run.store import RunStore
+from harness.pipeline.run.store import PHOTOS_RUN, RunStore
 
 __all__ = [
-    "RUN",
     "Assumptions",
     "MethodOutcome",
     "ReconstructRequest",
@@ -39,8 +38,6 @@ __all__ = [
     "reconstruct",
 ]  # fmt: skip
 
-#: The run that reconstructions of photos are filed in.
-RUN = "photos"
 _PHOTO_WORKER = "harness.pipeline.photos.one_photo_worker"
 
 
@@ -142,7 +139,7 @@ def reconstruct(request: ReconstructRequest, progress: Progress) -> Reconstructe
     _require_dataset(request.manifest)
     name, imported = _capture_of(request, progress)
     capture = imported_capture(request.workspace, name)
-    store = RunStore(request.workspace.run(RUN))
+    store = RunStore(request.workspace.run(PHOTOS_RUN))
     source = Source.select(request.manifest, request.workspace, CAPTURES, (name,), IMPORTED)
     protocol = next(iter(request.manifest.protocols.values()))  # nothing is measured with it
     summary = evaluate(

@@ -24,7 +24,10 @@ from harness.pipeline.run.publication import (
     publish,
 )
 
-__all__ = ["CellFolder", "Outcome", "RunStore"]
+__all__ = ["PHOTOS_RUN", "CellFolder", "Outcome", "RunStore"]
+
+#: The run that reconstructions of a user's own photos are filed in.
+PHOTOS_RUN = "photos"
 
 _RUN_FILE = "run.json"
 _RECORD_FILE = "record.json"
@@ -152,7 +155,7 @@ class RunStore:
 
     @classmethod
     def existing(cls, workspace: Workspace, name: str | None) -> RunStore:
-        """A run by name, or the one last written to.
+        """A run by name, or the one last written to; ``PHOTOS_RUN`` only if there is no other.
 
         Raises:
             HarnessError: no such run, or no run at all.
@@ -164,7 +167,9 @@ class RunStore:
                     f"no run below {workspace.runs}",
                     hint="Make one with 'harness quickstart' or 'harness eval --method hull8'",
                 )
-            name = max(marks, key=lambda run: marks[run].stat().st_mtime)
+            # Nothing in that one is measured, and nobody named it.
+            evaluated = {run: mark for run, mark in marks.items() if run != PHOTOS_RUN} or marks
+            name = max(evaluated, key=lambda run: evaluated[run].stat().st_mtime)
         if name not in marks:
             raise HarnessError(
                 f"no run '{name}' below {workspace.runs}", hint=did_you_mean(name, marks)

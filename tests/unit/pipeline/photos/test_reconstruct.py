@@ -23,7 +23,6 @@ from harness.pipeline.inputs.imported import imported_capture, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.photos.one_photo import OnePhotoRequest, import_one_photo
 from harness.pipeline.photos.reconstruct import (
-    RUN,
     Assumptions,
     ReconstructRequest,
     reconstruct,
@@ -31,7 +30,7 @@ from harness.pipeline.photos.reconstruct import (
 from harness.pipeline.progress import Silent
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.evaluate import EvalSummary, evaluate
-from harness.pipeline.run.store import RunStore
+from harness.pipeline.run.store import PHOTOS_RUN, RunStore
 from tests.unit.pipeline.importing.conftest import photographed
 
 
@@ -126,7 +125,7 @@ def test_a_capture_without_a_scan_is_reconstructed_and_written(tmp_path, workspa
     views = [view["silhouette_iou"] for view in figures["quality"]["views"]]
     assert views == list(hull.result.silhouette_iou)
     assert load_rgb(folder / "sheet.png").shape[1] > 500
-    (record,) = [r for r in RunStore(workspace.run(RUN)).records() if r.status == "ok"]
+    (record,) = [r for r in RunStore(workspace.run(PHOTOS_RUN)).records() if r.status == "ok"]
     assert (record.dataset, record.recipe, record.metrics) == ("captures", "imported", {})
     assert record.inputs["truth"] == {}
 
@@ -199,3 +198,14 @@ def test_a_damaged_capture_is_told(tmp_path, workspace):
 )
 def test_names_are_made_of_file_names(path, name):
     assert name_for(Path(path)) == name
+
+
+def test_reconstructions_of_photos_are_not_the_latest_run_where_there_is_another(workspace):
+    with pytest.raises(HarnessError, match="no run below"):
+        RunStore.existing(workspace, None)
+    RunStore(workspace.run(PHOTOS_RUN)).begin()
+    assert RunStore.existing(workspace, None).directory.name == PHOTOS_RUN
+    RunStore(workspace.run("mine")).begin()
+    RunStore(workspace.run(PHOTOS_RUN)).begin()
+    assert RunStore.existing(workspace, None).directory.name == "mine"
+    assert RunStore.existing(workspace, PHOTOS_RUN).directory.name == PHOTOS_RUN
