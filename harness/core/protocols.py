@@ -15,6 +15,7 @@ from harness.core.privileges import Privilege
 from harness.core.process.shared_work import Sharing, alone
 
 __all__ = [
+    "RING",
     "Configurable",
     "Context",
     "Deviation",
@@ -25,6 +26,9 @@ __all__ = [
     "Part",
     "even_places",
 ]
+
+#: Methods count views as those of a ring of so many, unless they count further.
+RING = 8
 
 
 def even_places(count: int, total: int) -> tuple[int, ...]:

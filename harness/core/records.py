@@ -16,7 +16,7 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.formats.typed_json import from_json, to_json
 from harness.core.privileges import Privilege
-from harness.core.protocols import MethodInfo
+from harness.core.protocols import RING, MethodInfo
 from harness.core.results import Diagnostics, MetricValue, NormalMapErrors, RegionErrors
 from harness.core.settings import MetricProtocol
 from harness.core.units import UNITS_RULE
@@ -34,10 +34,6 @@ RECORD_SCHEMA = 4
 _EARLIER_SCHEMAS = (2, 3)
 
 Status = Literal["ok", "failed", "missing"]
-
-
-#: Methods count views as those of a ring of so many, unless they count further.
-_RING = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,10 +173,15 @@ class Record:
         if self.method.views is None:
             return self.capture.views or None
         views, there = self.method.views, self.capture.views
-        if not there or max(views, default=0) < _RING:
+        if not there or max(views, default=0) < RING:
             # Places of a ring of eight: each has a photo while there are any.
             return min(len(views), there or len(views))
         return len([view for view in views if view < there])
+
+    @property
+    def reason_line(self) -> str:
+        """The first line of the reason, or that there is none."""
+        return next(iter(self.reason.splitlines()), "no reason given")
 
     @property
     def method_name(self) -> str:

@@ -217,7 +217,7 @@ def _compare_cell(
 def _absence(record: Record | None) -> str:
     if record is None:
         return "no record"
-    return f"{record.status}: {next(iter(record.reason.splitlines()), 'no reason given')}"
+    return f"{record.status}: {record.reason_line}"
 
 
 def _check_units(metric: str, before: Value, after: Value, tolerance: Tolerance) -> None:

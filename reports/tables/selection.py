@@ -234,8 +234,8 @@ def _absence_notes(records: Mapping[str, Record], subjects: Sequence[str]) -> li
         if record is None:
             reasons.setdefault("not run", []).append(subject)
         elif record.status != "ok":
-            first_line = next(iter(record.reason.splitlines()), "no reason given")
-            reasons.setdefault(f"{record.status}: {_short(first_line)}", []).append(subject)
+            reason = f"{record.status}: {_short(record.reason_line)}"
+            reasons.setdefault(reason, []).append(subject)
     return [
         f"{len(absent)} of {len(subjects)} {reason} ({_subjects_text(absent)})"
         for reason, absent in reasons.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     maker = mask_maker(request.masks_by)
     matched = matched_photos(Path(request.photos), foreign, masks)
     if not request.replace:
-        _keep_others(request, {file_sha256(photo.path) for photo in matched.photos})
+        _keep_others(request, [photo.path for photo in matched.photos])
     used = replace(foreign, views=tuple(photo.view for photo in matched.photos))
     up, up_note = found_up(request, used)
     directory = Path(request.directory)
@@ -65,7 +65,7 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     return Imported(str(directory), len(taken.views), found.notes, warnings)
 
 
-def _keep_others(request: ImportRequest, photos: Collection[str]) -> None:
+def _keep_others(request: ImportRequest, photos: Sequence[Path]) -> None:
     """Refuse to replace a capture with which the photos, by their sha256, have none in common."""
     try:
         imported: Any = Capture.load(Path(request.directory)).provenance["imported"]
@@ -73,7 +73,7 @@ def _keep_others(request: ImportRequest, photos: Collection[str]) -> None:
     except (HarnessError, KeyError, TypeError):
         # None is there, or one that nobody can use.
         return
-    if before and before.isdisjoint(photos):
+    if before and before.isdisjoint(map(file_sha256, photos)):
         raise HarnessError(
             f"a capture '{request.subject}' of other photos is there already",
             hint="Give another --name, or say --replace with 'harness capture import'",

@@ -10,8 +10,8 @@ from harness.core.errors import DataError, did_you_mean
 from harness.core.files.names import checked_name
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["CAPTURES", "IMPORTED", "imported_capture", "imported_state", "imported_subjects",
-           "name_for"]  # fmt: skip
+__all__ = ["CAPTURES", "IMPORTED", "captures_below", "imported_capture", "imported_state",
+           "imported_subjects", "name_for"]  # fmt: skip
 
 #: The dataset that imported captures are in, and what stands in the place of their recipe.
 CAPTURES, IMPORTED = "captures", "imported"
@@ -22,6 +22,12 @@ def imported_subjects(workspace: Workspace, dataset: str = CAPTURES) -> tuple[st
     folder = workspace.root / "captures" / checked_name("dataset", dataset)
     return tuple(sorted(path.parent.parent.name for path in folder.glob(f"*/{IMPORTED}/*.json")
                         if path.name == "capture.json"))  # fmt: skip
+
+
+def captures_below(folder: Path) -> str:
+    """A hint that names the folders of a folder which hold captures; empty where none does."""
+    found = sorted(path.parent.name for path in folder.glob("*/capture.json"))
+    return f"Name one of its folders: {', '.join(found)}" if found else ""
 
 
 def imported_state(directory: Path) -> tuple[str, str]:

@@ -16,12 +16,11 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.errors import MethodError
-from harness.core.protocols import MethodInfo
+from harness.core.protocols import RING, MethodInfo
 from harness.pipeline.inputs.imported import IMPORTED
 
 __all__ = ["ChosenViews", "views_for"]
 
-_RING = 8
 #: A photo further than this from the place of its view is told.
 _FAR_DEG = 30.0
 _MORE = {True: "Import more photos", False: "Name a --recipe with more"}
@@ -87,10 +86,10 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
 
 def _is_thinned(wanted: tuple[int, ...], count: int) -> bool:
     """Whether views of a ring of eight are wanted of a ring that has them elsewhere."""
-    if count < _RING:
+    if count < RING:
         # Of four photos, the front and the back are there, but not under their numbers.
         return len(wanted) <= count <= max(wanted, default=0)
-    return count > _RING and max(wanted, default=0) < _RING
+    return count > RING and max(wanted, default=0) < RING
 
 
 def _angles_deg(capture: Capture, wanted: tuple[int, ...]) -> Floats:
@@ -98,7 +97,7 @@ def _angles_deg(capture: Capture, wanted: tuple[int, ...]) -> Floats:
 
     The person stands at the origin.
     """
-    yaws = [math.radians(capture.front_yaw_deg + 360.0 * view / _RING) for view in wanted]
+    yaws = [math.radians(capture.front_yaw_deg + 360.0 * view / RING) for view in wanted]
     places = np.array([[math.sin(yaw), 0.0, math.cos(yaw)] for yaw in yaws])
     photos = np.array([camera.position for camera in capture.cameras])
     photos = photos / np.maximum(np.linalg.norm(photos, axis=1, keepdims=True), 1e-9)

@@ -14,7 +14,7 @@ from harness.core.files.atomic import atomic_directory
 from harness.data.captures.colmap import write_colmap_binary
 from harness.data.captures.published import write_published
 from harness.geometry.images import composite, load_rgba, save_png
-from harness.pipeline.inputs.imported import imported_capture
+from harness.pipeline.inputs.imported import captures_below, imported_capture
 from harness.pipeline.inputs.workspace import Workspace
 
 __all__ = ["FORMATS", "ExportRequest", "export_capture", "named_capture"]
@@ -49,11 +49,8 @@ def named_capture(workspace: Workspace, name: str) -> Capture:
         DataError: there is none, or it is damaged.
     """
     if not (Path(name) / "capture.json").is_file():
-        below = sorted(path.parent.name for path in Path(name).glob("*/capture.json"))
-        if below:
-            raise DataError(
-                f"{name} holds no capture.json", hint=f"Name one of its folders: {', '.join(below)}"
-            )
+        if hint := captures_below(Path(name)):
+            raise DataError(f"{name} holds no capture.json", hint=hint)
         return imported_capture(workspace, name)
     capture = Capture.load(Path(name))
     if damage := capture.damage():

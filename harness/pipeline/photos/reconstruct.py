@@ -15,6 +15,7 @@ from harness.pipeline.importing.start import import_capture
 from harness.pipeline.inputs.imported import (
     CAPTURES,
     IMPORTED,
+    captures_below,
     imported_capture,
     imported_state,
     imported_subjects,
@@ -201,12 +202,10 @@ def _capture_of(request: ReconstructRequest, progress: Progress) -> tuple[str, I
             )
         return request.what, None
     if path.is_dir():
-        below = sorted(each.parent.name for each in path.glob("*/capture.json"))
         raise HarnessError(
             f"{path} holds no capture.json",
-            hint=f"Name one of its folders: {', '.join(below)}"
-            if below
-            else f"Import its photos first: harness capture import {path} --cameras FILE "
+            hint=captures_below(path)
+            or f"Import its photos first: harness capture import {path} --cameras FILE "
             "--height METRES",
         )
     raise HarnessError(

@@ -106,14 +106,15 @@ class _Task:
         scores = Scores()
         try:
             share = self._sharing(meter)
-            chosen = views_for(self.job.method.info, self._capture())
+            capture = self._capture()
+            chosen = views_for(self.job.method.info, capture)
             result = self._reconstruction(chosen.capture, truth, meter, share)
             self._require_planned_scoring(result)
             if truth is not None:
                 # Scoring is no cost of the method's.
                 others = self._sharing(StageMeter())
                 # On all photos, whichever of them the method was given.
-                every = self._capture().from_front()
+                every = capture.from_front()
                 scores = scores_of(result, every, truth, self.job.protocol, others)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))

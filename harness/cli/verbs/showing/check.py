@@ -95,5 +95,5 @@ def _show_written(records: Sequence[Record], baseline: Path, *, as_json: bool) -
         return
     print(f"{len(records)} records written to {baseline}")
     for each in without:
-        reason = next(iter(each.reason.splitlines()), "no reason given")
-        print(f"without numbers: {each.method_name} on {each.subject} {each.status}: {reason}")
+        cell = f"{each.method_name} on {each.subject}"
+        print(f"without numbers: {cell} {each.status}: {each.reason_line}")

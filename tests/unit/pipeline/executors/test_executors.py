@@ -20,7 +20,6 @@ import pytest
 
 from harness.cli.executor_options import ExecutorName, Where
 from harness.core.errors import DataError, HarnessError, MissingPart
-from harness.core.files.atomic import write_json
 from harness.data.manifest import load_manifest
 from harness.pipeline.executors import extras, grants, machine, slurm
 from harness.pipeline.executors.grants import Grant, granted
@@ -211,21 +210,6 @@ def test_a_missing_package_is_one_sentence_with_the_command(
     assert re.search(
         rf"^{package}=={re.escape(version)}$", (ROOT / "constraints.txt").read_text(), re.MULTILINE
     )
-
-
-def test_an_answer_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
-    answers = tmp_path / "answers"
-    whole, half = answers / "a.json", answers / ".b.json.0123.part.json"
-    for path, name in ((whole, "one"), (half, "two")):
-        write_json(path, Answer(name, {"line": ""}).to_dict())
-    tasks = {name: name for name in ("one", "two")}
-    taken: list[Answer] = []
-
-    found = slurm._Round(Slurm(tmp_path), None, tmp_path, [])._take(tasks, taken.append)
-
-    assert (found, [answer.task for answer in taken]) == (1, ["one"])
-    assert not whole.exists()
-    assert half.is_file()
 
 
 def test_a_machine_without_slurm_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
