@@ -87,6 +87,11 @@ def environment_for(method: MethodFile, launch: Launch) -> ForeignEnvironment:
     """
     if not launch.engine and not any("{python}" in word for word in method.command):
         return _without_python(method, launch)
+    return _probed(method, launch)
+
+
+def _probed(method: MethodFile, launch: Launch) -> ForeignEnvironment:
+    """What its Python says of itself."""
     words = tuple(launch.words([launch.python, "-c", _PROBE]))
     known = _KNOWN.get(words)
     if known is None or known.stamps != _stamps(known.stamps):
@@ -173,18 +178,14 @@ def _without_python(method: MethodFile, launch: Launch) -> ForeignEnvironment:
     """That of a command which does not name its Python: the program, and what it may call."""
     if launch.conda:
         # Its programs, and all packages with their builds, whatever language they are of.
-        lines = _run(method, launch, _conda_list(launch.conda[0], method.conda)).splitlines()
-        packages = (line.strip() for line in lines if not line.lstrip().startswith("#"))
+        words = [launch.conda[0], "list", "--export", "--name", method.conda]
+        lines = map(str.strip, _run(method, launch, words).splitlines())
+        packages = (line for line in lines if not line.startswith("#"))
         return ForeignEnvironment("conda", "", tuple(sorted(filter(None, packages))))
     program = _program(method)
     if method.python is None:
         return program
-    found = environment_for(replace(method, command=("{python}",)), launch)
-    return replace(found, program=program.program)
-
-
-def _conda_list(conda: str, name: str) -> list[str]:
-    return [conda, "list", "--export", "--name", name]
+    return replace(_probed(method, launch), program=program.program)
 
 
 def _program(method: MethodFile) -> ForeignEnvironment:

@@ -13,10 +13,7 @@ from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.names import checked_name, is_name
 from harness.core.records import Record
 
-__all__ = ["MESH_FILE", "Entry", "entries_in"]
-
-#: What a record calls its mesh.
-MESH_FILE = "mesh.ply"
+__all__ = ["Entry", "entries_in"]
 
 
 @dataclass(frozen=True, slots=True)

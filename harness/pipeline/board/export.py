@@ -11,7 +11,8 @@ from harness.core.files.atomic import atomic_directory
 from harness.core.privileges import Privilege
 from harness.core.records import Record
 from harness.data.manifest import Manifest
-from harness.pipeline.board.entries import MESH_FILE, Entry
+from harness.pipeline.board.entries import Entry
+from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import RunStore
 
 __all__ = ["export_results", "withheld"]

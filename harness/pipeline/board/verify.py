@@ -15,12 +15,13 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Manifest
-from harness.pipeline.board.entries import MESH_FILE, Entry
+from harness.pipeline.board.entries import Entry
 from harness.pipeline.board.proof import date_faults, differences
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
+from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.scoring.meshes import mesh_scores
 from reports.tables.selection import check_comparable, check_one_method
 

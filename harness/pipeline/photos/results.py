@@ -16,7 +16,13 @@ from harness.core.quality.photo_scores import PhotoScores
 from harness.core.records import Record
 from harness.geometry.colours import coloured
 from harness.geometry.photo import open_photo
-from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, load_body_mesh, load_normals
+from harness.pipeline.run.result_files import (
+    BODY_FILE,
+    MESH_FILE,
+    NORMALS_FILE,
+    load_body_mesh,
+    load_normals,
+)
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.scoring.photos import photo_quality
 from reports.figures.photo_sheet import SheetInput, draw_photo_sheet
@@ -55,7 +61,7 @@ def write_result(store: RunStore, record: Record, capture: Capture, folder: Path
     Raises:
         DataError: a result that is gone or changed, or the disk refuses.
     """
-    mesh = load_mesh(store.result(record, "mesh.ply"))
+    mesh = load_mesh(store.result(record, MESH_FILE))
     photos = [open_photo(capture, view) for view in range(len(capture.cameras))]
     painted = coloured(mesh, photos)
     maps = ()

@@ -16,12 +16,12 @@ from harness.core.mesh import Mesh
 from harness.core.records import Record
 from harness.geometry.surface import SurfaceIndex
 from harness.pipeline.run.record_inputs import require_scan
+from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import RunStore
 from metrics.vertices import VertexErrors, vertex_errors
 
 __all__ = ["MeasuredMesh", "TrueSurface", "measured_mesh"]
 
-_MESH_FILE = "mesh.ply"
 _FOLDER = ".vertex-errors"
 #: Grows when ``metrics.vertices`` measures something else.
 _VERSION = 1
@@ -69,7 +69,7 @@ def measured_mesh(store: RunStore, record: Record, truth: TrueSurface) -> Measur
             damaged.
     """
     require_scan(record, truth.scan)
-    mesh = load_mesh(store.result(record, _MESH_FILE))
+    mesh = load_mesh(store.result(record, MESH_FILE))
     path = _path(store, record, truth)
     if path.is_file():
         hint = "Delete it: it will be measured again"
@@ -84,5 +84,5 @@ def measured_mesh(store: RunStore, record: Record, truth: TrueSurface) -> Measur
 
 
 def _path(store: RunStore, record: Record, truth: TrueSurface) -> Path:
-    key = {"mesh": record.files[_MESH_FILE], "truth": truth.identity, "version": _VERSION}
+    key = {"mesh": record.files[MESH_FILE], "truth": truth.identity, "version": _VERSION}
     return store.directory / _FOLDER / f"{content_hash(key)}.npz"

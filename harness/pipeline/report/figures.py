@@ -20,7 +20,7 @@ from harness.pipeline.report.error_cache import TrueSurface, measured_mesh
 from harness.pipeline.report.normal_figure import normals
 from harness.pipeline.report.views_figure import views
 from harness.pipeline.run.record_inputs import require_photos, require_scan
-from harness.pipeline.run.result_files import BODY_FILE, load_body_mesh
+from harness.pipeline.run.result_files import BODY_FILE, MESH_FILE, load_body_mesh
 from harness.pipeline.run.store import RunStore
 from metrics.regions import FAR_MM
 from reports.figures.body_overlay import body_overlay
@@ -77,7 +77,7 @@ def overlay(store: RunStore, source: Source, records: Sequence[Record], path: Pa
     """The mesh of the first method that succeeded, over all photos of the first subject."""
     subject = source.subjects[0]
     method = next(iter(_complete_methods(records, (subject,))))
-    mesh = load_mesh(store.result(_record(records, method, subject), "mesh.ply"))
+    mesh = load_mesh(store.result(_record(records, method, subject), MESH_FILE))
     overlay_figure(mesh, _photos(source, subject, records, (method,)), path)
     return path
 

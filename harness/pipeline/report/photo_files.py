@@ -22,14 +22,13 @@ from harness.core.quality.photo_scores import PhotoScores
 from harness.core.records import Record
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
-from harness.pipeline.run.result_files import NORMALS_FILE, load_normals
+from harness.pipeline.run.result_files import MESH_FILE, NORMALS_FILE, load_normals
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.scoring.photos import photo_quality, photo_scoring_code
 
 __all__ = ["PHOTOS_FILE", "PhotoFigures", "PhotoFiles"]
 
 PHOTOS_FILE = "photos.json"
-_MESH_FILE = "mesh.ply"
 _SCHEMA = 1
 _TASK = "compared"
 
@@ -102,7 +101,7 @@ class PhotoFiles:
     def _key(self, record: Record) -> str:
         return content_hash(
             {
-                "mesh": record.files.get(_MESH_FILE, ""),
+                "mesh": record.files.get(MESH_FILE, ""),
                 "normals": record.files.get(NORMALS_FILE, ""),
                 "photos": record.capture.key,
                 **self._code,
@@ -132,7 +131,7 @@ class PhotoFiles:
         return capture.from_front()
 
     def _made(self, record: Record, capture: Capture) -> PhotoScores:
-        mesh = load_mesh(self._store.result(record, _MESH_FILE))
+        mesh = load_mesh(self._store.result(record, MESH_FILE))
         maps = ()
         if NORMALS_FILE in record.files:
             maps = load_normals(self._store.result(record, NORMALS_FILE))

@@ -30,7 +30,13 @@ from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
 from harness.pipeline.run.cell_job import CellJob
 from harness.pipeline.run.cell_result import CellResult
 from harness.pipeline.run.record_inputs import Inputs, evaluated
-from harness.pipeline.run.result_files import BODY_FILE, NORMALS_FILE, save_body, save_normals
+from harness.pipeline.run.result_files import (
+    BODY_FILE,
+    MESH_FILE,
+    NORMALS_FILE,
+    save_body,
+    save_normals,
+)
 from harness.pipeline.work.cost import StageMeter
 from harness.pipeline.work.shared_results import SharedResults
 
@@ -183,7 +189,7 @@ class _Task:
     def _written(self, result: Reconstruction) -> dict[str, str]:
         """The sha256 of the results' files, by name."""
         folder = self.job.folder
-        save_mesh(folder / "mesh.ply", result.mesh)
+        save_mesh(folder / MESH_FILE, result.mesh)
         if result.body:
             save_body(folder / BODY_FILE, result.body)
         if result.normals:

@@ -21,6 +21,7 @@ from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Progress
 from harness.pipeline.run.record_inputs import Inputs, scored_elsewhere
+from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import CellFolder, Outcome, RunStore
 from harness.pipeline.scoring.meshes import mesh_scores
 from methods.catalog import METHODS
@@ -28,7 +29,6 @@ from metrics.score import Score, score
 
 __all__ = ["FolderRequest", "score_folder", "score_pair"]
 
-_MESH_FILE = "mesh.ply"
 _SEAMS = (
     "normals end at the seams of its texture, which the mesh that is kept does not have: hand in "
     "results of a mesh without texture coordinates, such as a PLY"
@@ -147,7 +147,7 @@ def _score_subject(
     """The subject's record, filed; an earlier good one stays where the truth cannot be read."""
     method = MethodInfo(request.name, request.title, privileges=(Privilege.MADE_ELSEWHERE,))
     attempt = folder.new_attempt()
-    found = _scored(request, method, subject, path, attempt.results / _MESH_FILE)
+    found = _scored(request, method, subject, path, attempt.results / MESH_FILE)
     record = Record(
         key=found.inputs.key if found.inputs else "",
         method=method,

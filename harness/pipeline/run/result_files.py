@@ -27,6 +27,7 @@ from harness.geometry.images import packed_normals, unit_normals
 
 __all__ = [
     "BODY_FILE",
+    "MESH_FILE",
     "NORMALS_FILE",
     "load_body_mesh",
     "load_normals",
@@ -34,6 +35,7 @@ __all__ = [
     "save_normals",
 ]
 
+MESH_FILE = "mesh.ply"
 BODY_FILE = "body.npz"
 NORMALS_FILE = "normals.npz"
 _MAPS = ("front", "back", "body_front", "body_back")

@@ -252,12 +252,8 @@ def _check_request(request: TrainingRequest) -> None:
 
 def _refuse_tested(source: Source) -> None:
     """Refuse generated people that methods are tested on."""
-    tested = [
-        subject
-        for subject in (source.subjects if source.is_generated else ())
-        if not is_for_training(subject)
-    ]
-    if tested:
+    tested = [subject for subject in source.subjects if not is_for_training(subject)]
+    if source.is_generated and tested:
         raise HarnessError(
             f"subject '{tested[0]}' of '{source.name}' is one that methods are tested on",
             expected="subjects that are made for training, such as t00001",
