@@ -1,18 +1,15 @@
-"""Modules, functions and folders fit a screen, and no module is a drawer for odds and ends."""
+"""Modules and functions stay readable, and no module is a drawer for odds and ends."""
 
 from __future__ import annotations
 
 import ast
-from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
-MODULE_LINES, FUNCTION_LINES, PARAMETERS = 400, 60, 6
-FOLDER_MODULES = 12
+MODULE_LINES, FUNCTION_LINES, PARAMETERS = 600, 60, 6
 DRAWERS = {"common", "helper", "helpers", "misc", "util", "utils"}
 
 
@@ -51,18 +48,6 @@ def test_every_module_fits() -> None:
     assert found == []
 
 
-def crowded(names: Iterable[str]) -> list[str]:
-    """The folders with too many modules among the paths of some; ``__init__`` does not count."""
-    count = Counter(Path(name).parent.as_posix() for name in names if Path(name).stem != "__init__")
-    return [f"{folder}: {n} modules" for folder, n in sorted(count.items()) if n > FOLDER_MODULES]
-
-
-def test_no_folder_is_crowded() -> None:
-    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
-
-    assert crowded(path.relative_to(ROOT).as_posix() for path in paths) == []
-
-
 def test_every_folder_says_what_lives_there() -> None:
     folders = {path.parent for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
     silent = [
@@ -74,14 +59,6 @@ def test_every_folder_says_what_lives_there() -> None:
     assert silent == []
 
 
-@pytest.mark.parametrize(("count", "found"), [(12, []), (13, ["methods/fit: 13 modules"])])
-def test_the_gate_counts_the_modules_of_a_folder(count: int, found: list[str]) -> None:
-    names = [f"methods/fit/m{k}.py" for k in range(count)]
-    elsewhere = ["methods/fit/__init__.py", "methods/fit/deeper/m.py", "methods/gt.py"]
-
-    assert crowded([*names, *elsewhere]) == found
-
-
 def test_tests_have_no_drawers_either() -> None:
     names = {path.stem for path in (ROOT / "tests").rglob("*.py")}
 
@@ -91,7 +68,7 @@ def test_tests_have_no_drawers_either() -> None:
 @pytest.mark.parametrize(
     ("name", "source", "complaint"),
     [
-        ("harness/core/a.py", "x = 1\n" * 401, "harness/core/a.py: 401 lines"),
+        ("harness/core/a.py", "x = 1\n" * 601, "harness/core/a.py: 601 lines"),
         ("metrics/a.py", "def f():\n" + "    x = 1\n" * 60, "metrics/a.py:1 f: 61 lines"),
         ("metrics/a.py", "class A:\n def f(self, a, b, c, *, d, e, f, g): ...", "f: 7 parameters"),
         ("metrics/utils.py", "", "a module says what is in it"),
@@ -105,7 +82,7 @@ def test_the_gate_bites(name: str, source: str, complaint: str) -> None:
 @pytest.mark.parametrize(
     ("name", "source"),
     [
-        ("harness/core/a.py", "x = 1\n" * 400),
+        ("harness/core/a.py", "x = 1\n" * 600),
         ("metrics/a.py", "def f():\n" + "    x = 1\n" * 59),
         ("metrics/a.py", "class A:\n def f(self, a, b, c, *, d, e, f): ..."),
         ("harness/cli/a.py", "def f(a, b, c, d, e, f, g): ..."),
