@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -20,9 +18,8 @@ from harness.cli.options import (
     WorkspacePath,
     split_names,
 )  # fmt: skip
-from harness.cli.output import deliver, print_json, print_outcomes
+from harness.cli.output import print_json, print_outcomes
 from harness.cli.verb_list import verb_group
-from harness.data.croissant import Publication, croissant_document
 from harness.data.manifest import load_manifest
 from harness.pipeline.adding.adding import add_dataset
 from harness.pipeline.adding.request import UNSTATED_LICENCE, Added, AddRequest
@@ -240,29 +237,3 @@ def make(
     with shown_progress(quiet=as_json) as progress:
         outcomes = make_avatars(source, jobs, progress)
     print_outcomes(outcomes, as_json=as_json)
-
-
-@app.command("croissant")
-def croissant(
-    dataset: DatasetName,
-    url: Annotated[str, typer.Option("--url", metavar="URL", help="Where you publish it.")],
-    published: Annotated[
-        datetime | None,
-        typer.Option("--published", formats=["%Y-%m-%d"], help="When. Default: today."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="File to write, beside the dataset's folder 'model'. Default: print it.",
-        ),
-    ] = None,
-    manifest: ManifestPath = None,
-) -> None:
-    """Describe a generated dataset in Croissant, for programs that load data."""
-    name, found, _ = load_manifest(manifest).select(dataset)
-    publication = Publication(url, (published or datetime.now(UTC)).date())
-    document = croissant_document(name, found, publication)
-    deliver(json.dumps(document, indent=2, allow_nan=False) + "\n", output)
