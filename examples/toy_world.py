@@ -18,8 +18,6 @@ from PIL import Image
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 
-__all__ = ["SUBJECTS", "ellipsoid", "figure", "make_world", "run_harness"]
-
 #: The subjects of the dataset ``toy`` and their heights in metres.
 SUBJECTS = {"t1": 1.6, "t2": 1.7, "t3": 1.8}
 

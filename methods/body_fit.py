@@ -44,8 +44,6 @@ from methods.publications.deviations import (
 )
 from methods.publications.published import Published
 
-__all__ = ["BodyFit", "body_average", "body_front", "jmbo8", "jmbo8_no_head", "jmbo8_plus"]
-
 
 class BodyFit:
     """Fits a parametric body to some views of a capture.

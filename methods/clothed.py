@@ -49,8 +49,6 @@ from methods.surface.front_back import (
 from methods.surface.fusion import FusionParameters, fused
 from methods.surface.hands import body_hands, without_hands
 
-__all__ = ["ClothedMethod", "ClothedSettings", "SheetPlan", "integrated"]
-
 #: Spacing of the lattice on which a surface is cut: an edge of 50 000 faces is longer.
 _ENVELOPE_M = 0.004
 

@@ -17,8 +17,6 @@ from methods.normals import ViewMaps
 from methods.publications.completion import ECON
 from methods.surface import FrontBackDepth, front_back_sheets
 
-__all__ = ["econ"]
-
 _FRONT = 0
 
 

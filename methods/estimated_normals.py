@@ -17,9 +17,6 @@ from harness.geometry.raycast import Raycaster
 from methods.body.photos.views import Views
 from methods.normals import NormalChoice, view_maps, working_view
 
-__all__ = ["EstimatedNormals"]
-
-
 #: Side of the square that the network looks at, pixels.
 _RESOLUTION = 512
 #: A blend of normals shorter than this is of the outline's outer side, or of a fold's two.

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 from methods.body.settings import FitSettings
 
-__all__ = ["ECON_FIT", "JMBO", "JMBO_PLUS"]
-
 #: MExECON's equation as it is printed, from the average of the single views.
 JMBO = FitSettings()
 #: ECON's fit to one view: equal weights, no head term.

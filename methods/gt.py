@@ -9,8 +9,6 @@ from harness.core.artifacts import Capture, Reconstruction
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 
-__all__ = ["GroundTruth", "gt"]
-
 
 class GroundTruth:
     """Hands the true surface back."""

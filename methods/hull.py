@@ -30,9 +30,6 @@ from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
 from harness.geometry.topology import pieces_of
 
-__all__ = ["HullSettings", "VisualHull", "hull", "hull8"]
-
-
 #: What the settings are filed under, as in ``--set hull.voxel_m=0.002``.
 _ROOM = "hull"
 #: Views all round see a subject nearly as wide as it is; a few may look along it.

@@ -30,8 +30,6 @@ from methods.publications.completion import MEXECON, MEXECON_CEILING
 from methods.surface import FrontBackDepth, SheetParameters
 from methods.surface.sheets import depth_sheet
 
-__all__ = ["mexecon2", "mexecon8", "mexecon_plus_two_sheets", "oracle8"]
-
 _FRONT, _BACK = 0, 4
 
 

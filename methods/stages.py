@@ -14,9 +14,6 @@ from harness.geometry.images import normal_colours
 from harness.geometry.raycast import Raycaster
 from methods.normals import ViewMaps
 
-__all__ = ["Stages", "contact_sheet", "shaded"]
-
-
 _TILE_PX = 480
 #: As in the paper's figure: front green, back orange, completion purple; then the hands.
 _COLOURS = ((0.55, 0.8, 0.5), (0.95, 0.65, 0.35), (0.65, 0.5, 0.85), (0.45, 0.65, 0.9))

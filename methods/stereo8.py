@@ -28,8 +28,6 @@ from methods.photo_pull.pulled import pulled_to_photos
 from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
 from methods.stereo.settings import KeepRules, MatchSettings, NarrowSettings, StereoSettings
 
-__all__ = ["StartSettings", "Stereo8", "StereoBegun", "stereo8"]
-
 
 @dataclass(frozen=True, slots=True)
 class StartSettings:

@@ -18,18 +18,6 @@ from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from harness.core.units import MM_PER_METRE
 
-__all__ = [
-    "TOTAL_WEIGHTS",
-    "joint_error_mm",
-    "landmark_loss",
-    "normal_loss",
-    "silhouette_iou",
-    "silhouette_loss",
-    "total_loss",
-    "vertex_error_mm",
-]
-
-
 #: Weights of the normal and the landmark loss in the total; the silhouette's is 1.
 TOTAL_WEIGHTS = {"normal": 0.2, "landmark": 0.1}
 

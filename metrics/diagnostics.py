@@ -10,15 +10,6 @@ from harness.core.arrays import Floats
 from harness.core.results import DistanceSummary, FScore, MeshFacts
 from harness.geometry.surface import SurfaceIndex
 
-__all__ = [
-    "F_SCORE_THRESHOLDS_MM",
-    "describe_distances",
-    "describe_mesh",
-    "f_scores",
-    "winding_warnings",
-]
-
-
 F_SCORE_THRESHOLDS_MM = (5, 10, 20, 50)
 #: Faces of a closed surface cancel as vectors. Up to this share of the area, what is open is too
 #: little to let the sign of the volume depend on the origin.

@@ -19,14 +19,6 @@ from harness.core.units import MM_PER_METRE, Unit
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 from metrics.sampling import Sampling, sample_mean
 
-__all__ = [
-    "chamfer_point_to_surface",
-    "chamfer_sample_to_sample",
-    "nearest_sample_mm",
-    "nearest_surface_mm",
-    "point_to_surface",
-]
-
 _MM = Unit.millimetre.value
 
 

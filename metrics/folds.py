@@ -19,19 +19,6 @@ from harness.core.results import FoldErrors
 from harness.geometry.raycast import Raycaster
 from metrics.normals import angles_deg
 
-__all__ = [
-    "BLUR_M",
-    "MARGIN_M",
-    "PIXEL_M",
-    "FoldStrength",
-    "fold_angles_deg",
-    "fold_correlation",
-    "fold_errors",
-    "fold_strength",
-    "pixel_size_m",
-    "true_normals",
-]
-
 BLUR_M = 0.015
 """Standard deviation of the blur."""
 MARGIN_M = 0.030

@@ -13,9 +13,6 @@ from harness.core.errors import DataError
 from harness.core.results import AngularErrors
 from metrics.normals import angles_deg
 
-__all__ = ["THRESHOLDS_DEG", "angular_error_map", "angular_errors"]
-
-
 #: Pixels that are less off than this are counted.
 THRESHOLDS_DEG = (11.25, 22.5, 30.0)
 

@@ -19,16 +19,6 @@ from harness.core.units import Unit
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 from metrics.sampling import Sampling, sample_mean
 
-__all__ = [
-    "NormalWeights",
-    "angles_deg",
-    "compared",
-    "normal_error",
-    "normal_summary",
-    "normals_at",
-    "weighted",
-]
-
 NormalWeights = Literal["barycentric", "permuted"]
 
 

@@ -16,9 +16,6 @@ from harness.core.arrays import Floats
 from harness.core.errors import DataError
 from harness.geometry.surface import SurfaceIndex
 
-__all__ = ["check_scale_and_place", "check_turn", "unit_warnings"]
-
-
 #: Boxes of two meshes in one frame lie closer than this share of the truth's longest side. Feet at
 #: the origin instead of the centre give 0.5; half a body that is missing gives 0.25.
 _FARTHEST_CENTRES = 0.4

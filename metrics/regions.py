@@ -14,8 +14,6 @@ from harness.core.results import RegionErrors
 from harness.core.truth import FaceRegions
 from metrics.score import PointErrors
 
-__all__ = ["FAR_MM", "region_errors"]
-
 #: True surface farther than this from the prediction is missing from it; predicted surface farther
 #: than this from the truth is a bulge.
 FAR_MM = 50.0

@@ -11,8 +11,6 @@ from harness.core.arrays import Floats
 from harness.core.results import MetricValue
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 
-__all__ = ["Sampling", "sample_mean", "sample_surface"]
-
 Sampling = Literal["independent", "stratified"]
 
 _MORTON_BITS = 21

@@ -34,8 +34,6 @@ from metrics.normals import (
 from metrics.placement import check_scale_and_place, check_turn, unit_warnings
 from metrics.sampling import sample_surface
 
-__all__ = ["Misplaced", "PointErrors", "Score", "score"]
-
 #: What becomes of a prediction in another unit, place or frame: an error, or a warning.
 Misplaced = Literal["refuse", "tell"]
 

@@ -15,8 +15,6 @@ from harness.geometry.surface import SurfaceIndex, vertex_normals
 from metrics.distance import nearest_surface_mm
 from metrics.normals import angles_deg
 
-__all__ = ["VertexErrors", "vertex_errors"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VertexErrors:

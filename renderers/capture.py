@@ -22,8 +22,6 @@ from renderers.photography import calibrated, reprojection_px, take_photos
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import Renderer, RenderOutcome, texture_of
 
-__all__ = ["CaptureInputs", "capture"]
-
 _NOT_THE_PICTURES = ("renderers.proof", SourceTree.__module__)
 
 

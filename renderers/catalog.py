@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from harness.core.process.registry import Registry
 
-__all__ = ["RENDERERS"]
-
 RENDERERS = Registry(
     "renderer",
     {

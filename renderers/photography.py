@@ -16,9 +16,6 @@ from harness.core.cameras.photography import PhotoFaults
 from harness.core.files.hashing import derive_seed
 from harness.geometry.images import linear_from_srgb, load_rgba, save_png, srgb_from_linear
 
-__all__ = ["calibrated", "photographed", "reprojection_px", "take_photos"]
-
-
 #: Read noise over the noise at middle grey.
 _READ_SHARE = 0.3
 _MIDDLE_GREY = 128.0 / 255.0

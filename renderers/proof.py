@@ -17,9 +17,6 @@ from harness.geometry.images import load_mask
 from harness.geometry.raycast import Raycaster, to_map_frame
 from harness.geometry.surface import vertex_normals
 
-__all__ = ["ViewProof", "cut_warnings", "prove", "require_proof"]
-
-
 #: Odd, so that coverage never ties at one half.
 _SUPERSAMPLE = 3
 #: A vertex is on the outline if a ray this far outside of it, in pixels, hits nothing.

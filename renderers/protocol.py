@@ -12,8 +12,6 @@ from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import check_picture
 
-__all__ = ["RenderOutcome", "Renderer", "texture_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class RenderOutcome:

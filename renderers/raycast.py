@@ -22,9 +22,6 @@ from harness.geometry.texture import linear_texture, texture_at
 from renderers.protocol import RenderOutcome, texture_of
 from renderers.studio import key_light_position
 
-__all__ = ["RaycastRenderer"]
-
-
 #: Rays along each side of a pixel. Odd, so that half-covered pixels do not tie.
 _SUPERSAMPLE = 3
 

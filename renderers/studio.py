@@ -17,9 +17,6 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 
-__all__ = ["KEY_SIDE_M", "key_light_position", "square_light_radiance"]
-
-
 #: Side of the square key light, metres.
 KEY_SIDE_M = 1.6
 #: Its position relative to the camera: right, down, forward, as shares of the camera's distance.

@@ -16,14 +16,6 @@ from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
 from harness.core.files.hashing import derive_seed
 
-__all__ = [
-    "Interval",
-    "bootstrap_ends",
-    "bootstrap_interval",
-    "percentile_ends",
-    "sign_flip_p_value",
-]
-
 RESAMPLES = 10_000
 _QUOTED_RESAMPLES = 200_000
 #: Up to so many subjects all sign patterns are tried: 2^20 sums take 10 ms.

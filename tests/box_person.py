@@ -15,9 +15,6 @@ from harness.geometry.images import linear_from_srgb
 from harness.geometry.raycast import Raycaster
 from harness.geometry.texture import linear_texture, texture_at
 
-__all__ = ["box_person", "corner_colours", "front_camera", "photo", "photo_of_corners", "put_glb",
-           "put_obj", "put_ply", "ramp"]  # fmt: skip
-
 #: Centre and half sides of head, trunk, arms and legs, as shares of the height.
 BOXES = (
     ((0.0, 0.92, 0.0), (0.07, 0.08, 0.08)),

@@ -8,8 +8,6 @@ import numpy as np
 
 from harness.core.mesh import Mesh
 
-__all__ = ["icosphere"]
-
 
 def icosphere(radius: float, rounds: int = 5, centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Mesh:
     """A closed sphere by subdivision of an octahedron."""

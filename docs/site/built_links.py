@@ -14,8 +14,6 @@ from pathlib import Path
 from posixpath import join, normpath
 from urllib.parse import unquote, urlsplit
 
-__all__ = ["PageLinks", "broken_links", "external_links", "page_links"]
-
 #: Attributes that name what a browser loads or goes to.
 _LINKS = ("href", "src", "poster")
 

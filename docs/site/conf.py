@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import get_origin
+
+from numpy import ndarray
+
 import harness
 from harness.core import arrays
 
@@ -17,7 +21,11 @@ myst_heading_anchors = 6
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
-autodoc_type_aliases = {name: f"harness.core.arrays.{name}" for name in arrays.__all__}
+autodoc_type_aliases = {
+    name: f"harness.core.arrays.{name}"
+    for name, alias in vars(arrays).items()
+    if get_origin(alias) is ndarray and name != "NDArray"
+}
 python_use_unqualified_type_names = True
 # Attributes are fields of their class, not entries beside those of the class's own code.
 napoleon_use_ivar = True

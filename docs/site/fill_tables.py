@@ -23,8 +23,6 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.core.files.atomic import write_text
 
-__all__ = ["ROOT", "filled", "pages_with_tables"]
-
 ROOT = Path(__file__).resolve().parents[2]
 
 _PLACE = re.compile(

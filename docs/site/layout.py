@@ -11,16 +11,6 @@ from posixpath import join, normpath, relpath
 
 from harness.core.errors import HarnessError
 
-__all__ = [
-    "INDEX",
-    "Section",
-    "Site",
-    "contents",
-    "load_navigation",
-    "readme_section",
-    "source_page",
-]
-
 #: The first page.
 INDEX = "index"
 #: Where pages that show other files of the repository go.

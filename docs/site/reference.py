@@ -9,8 +9,6 @@ from typing import Any
 
 from harness.cli.verb_list import VERBS, verb_command
 
-__all__ = ["PACKAGES", "all_packages", "commands_page", "package_page", "packages_page"]
-
 #: What people who add methods, metrics or tables import.
 PACKAGES = ("harness.core", "harness.geometry", "metrics", "reports.tables")
 

@@ -17,17 +17,6 @@ from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_text
 from layout import load_navigation
 
-__all__ = [
-    "Plan",
-    "Ran",
-    "Trial",
-    "commands_in",
-    "load_plan",
-    "load_ran",
-    "shown_commands",
-    "write_ran",
-]
-
 _HERE = Path(__file__).parent
 _BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _COMMENT = re.compile(r"(?:^|\s+)#(?: .*)?$")

@@ -13,8 +13,6 @@ from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import load_mask
 
-__all__ = ["EllipseStack", "ellipse_stack"]
-
 # Views count from the front: of eight, view 2 shows the subject's left side.
 _FRONT, _SIDE = 0, 2
 _SLICES = 100

@@ -18,8 +18,6 @@ from rich.progress import (
 from harness.cli.progress_display import ProgressDisplay
 from harness.cli.progress_lines import ProgressLines
 
-__all__ = ["shown_progress"]
-
 
 def shown_progress(*, quiet: bool = False) -> ProgressDisplay:
     """Bars on a terminal, lines elsewhere.

@@ -16,15 +16,6 @@ from harness.pipeline.executors.slurm import Slurm
 from harness.pipeline.executors.task import Executor
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = [
-    "Cell",
-    "ExecutorName",
-    "ExecutorOption",
-    "RayAddress",
-    "SlurmOptions",
-    "Where",
-]
-
 
 class ExecutorName(StrEnum):
     """Where work is carried out."""

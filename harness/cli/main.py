@@ -17,8 +17,6 @@ from harness.cli.verb_list import Verbs
 from harness.core.errors import HarnessError
 from harness.core.process.interrupts import Interrupted, stopped_by_signals
 
-__all__ = ["app", "main"]
-
 app = typer.Typer(
     name="harness",
     cls=Verbs,

@@ -11,28 +11,6 @@ from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name
 from harness.data.manifest import subject_range
 
-__all__ = [
-    "Dataset",
-    "Jobs",
-    "Json",
-    "ManifestPath",
-    "MethodsToRun",
-    "MethodsToShow",
-    "Parts",
-    "Protocol",
-    "Reason",
-    "Recipe",
-    "Run",
-    "Seed",
-    "Set",
-    "Subjects",
-    "Timeout",
-    "WorkspacePath",
-    "limit_s",
-    "parsed_settings",
-    "split_names",
-]
-
 
 def _some(context: typer.Context, parameter: typer.CallbackParam, value: str) -> str:
     """The value; a list that is given and empty, as of a shell's unset variable, means nothing."""

@@ -11,8 +11,6 @@ import typer
 from harness.core.files.atomic import write_text
 from harness.pipeline.inputs.captures import CaptureOutcome
 
-__all__ = ["deliver", "how_to_open", "print_json", "print_outcomes"]
-
 
 def how_to_open(page: Path) -> str:
     """Where a page is, and how it is opened."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Self
 
-__all__ = ["ProgressDisplay"]
-
 
 class ProgressDisplay(ABC):
     """Shows the pipeline's progress on standard error; a context manager.

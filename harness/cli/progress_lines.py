@@ -11,8 +11,6 @@ from typing import TextIO
 
 from harness.cli.progress_display import ProgressDisplay
 
-__all__ = ["ProgressLines"]
-
 #: A task's lines are at least this far apart; the line about its last step always comes.
 _LEAST_PAUSE_S = 2.0
 #: A task has a line after this time even if no step ended.

@@ -12,8 +12,6 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = ["VERBS", "Verbs", "verb_command", "verb_group", "verb_module"]
-
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
     "quickstart": "Make two avatars, run every method, and show the results.",

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AnyInts", "Bytes", "Floats", "Ints", "Ints32", "Mask", "Singles"]
-
 #: Double precision, the default for geometry.
 Floats = NDArray[np.float64]
 #: Single precision, for pictures and networks.

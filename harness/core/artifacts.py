@@ -24,19 +24,6 @@ from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
 
-__all__ = [
-    "CAPTURE_SCHEMA",
-    "Body",
-    "BodyLandmarks",
-    "Capture",
-    "NormalMaps",
-    "Reconstruction",
-    "Scan",
-    "StageCost",
-    "image_name",
-]
-
-
 CAPTURE_SCHEMA = 1
 
 

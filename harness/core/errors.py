@@ -24,17 +24,6 @@ import difflib
 from collections.abc import Iterable
 from typing import Self
 
-__all__ = [
-    "DataError",
-    "HarnessError",
-    "Killed",
-    "MethodError",
-    "MissingPart",
-    "ProtocolMismatch",
-    "WriteError",
-    "did_you_mean",
-]
-
 _NAMES_SHOWN = 20
 
 

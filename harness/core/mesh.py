@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from harness.core.arrays import AnyInts, Floats
 from harness.core.errors import DataError
 
-__all__ = ["Mesh"]
-
-
 _SAFE_COORDINATE = 1e100
 _FEW_FACES = 1000
 

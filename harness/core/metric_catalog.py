@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from harness.core.units import Unit
 
-__all__ = ["METRICS", "MetricDescription"]
-
 
 @dataclass(frozen=True, slots=True)
 class MetricDescription:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-__all__ = ["Privilege"]
-
 
 class Privilege(StrEnum):
     """Something that a method is given, or knows, beyond the pixels of its photos.

@@ -14,19 +14,6 @@ from harness.core.errors import MethodError
 from harness.core.privileges import Privilege
 from harness.core.process.shared_work import Sharing, alone
 
-__all__ = [
-    "RING",
-    "Configurable",
-    "Context",
-    "Deviation",
-    "EstimatedNormals",
-    "Method",
-    "MethodInfo",
-    "NormalEstimator",
-    "Part",
-    "even_places",
-]
-
 #: Methods count views as those of a ring of so many, unless they count further.
 RING = 8
 

@@ -21,15 +21,6 @@ from harness.core.results import Diagnostics, MetricValue, NormalMapErrors, Regi
 from harness.core.settings import MetricProtocol
 from harness.core.units import UNITS_RULE
 
-__all__ = [
-    "RECORD_SCHEMA",
-    "CaptureStamp",
-    "Environment",
-    "ProtocolStamp",
-    "Record",
-    "Status",
-]
-
 RECORD_SCHEMA = 4
 _EARLIER_SCHEMAS = (2, 3)
 

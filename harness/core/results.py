@@ -9,22 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-__all__ = [
-    "AngularErrors",
-    "AngularPair",
-    "BodyErrors",
-    "Diagnostics",
-    "DistanceSummary",
-    "FScore",
-    "FoldErrors",
-    "MeshFacts",
-    "MetricValue",
-    "NormalMapErrors",
-    "NormalSummary",
-    "RegionErrors",
-    "Scores",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class MetricValue:

@@ -19,8 +19,6 @@ from harness.core.files.hashing import content_hash
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["MetricProtocol", "RenderRecipe", "by_room", "check_choice", "check_range", "overridden"]
-
 Settings = TypeVar("Settings", bound="DataclassInstance")
 
 

@@ -17,17 +17,6 @@ from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.units import MM_PER_METRE
 
-__all__ = [
-    "BODY_REGIONS",
-    "OFF_MODEL",
-    "FaceRegions",
-    "TrueBody",
-    "TrueParameters",
-    "face_regions",
-    "true_body",
-    "true_parameters",
-]
-
 #: In the file of a true body: how far (r.m.s., metres) its surface is from what the body model
 #: gives for its parameters; absent where the model gives the surface itself.
 OFF_MODEL = "off_model_rms_m"

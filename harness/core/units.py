@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["MM_PER_METRE", "UNITS_RULE", "Unit"]
-
 MM_PER_METRE = 1000.0
 #: The scale rule under which a scan keeps its own units and 1 unit counts as 1 m, as the published
 #: results were very likely made. Metres and such units never share a table.

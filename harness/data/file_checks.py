@@ -8,8 +8,6 @@ from pathlib import Path
 
 from harness.core.files.hashing import file_sha256
 
-__all__ = ["FileCheck", "check_file", "name_below"]
-
 
 @dataclass(frozen=True, slots=True)
 class FileCheck:

@@ -22,18 +22,6 @@ from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
 from harness.data.yaml_lines import read_yaml
 
-__all__ = [
-    "SHAREABLE",
-    "Dataset",
-    "Manifest",
-    "Split",
-    "SubjectClass",
-    "default_manifest_path",
-    "installed_manifest_path",
-    "load_manifest",
-    "subject_range",
-]
-
 #: Licences that let everybody pass the data on.
 SHAREABLE = ("CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "PDDL-1.0")
 _SCALE_RULE = re.compile(rf"fit|metres|{UNITS_RULE}|height=\d+(\.\d+)?")

@@ -12,8 +12,6 @@ from harness.core.formats.mtl import texture_image
 from harness.data.file_checks import FileCheck, check_file, name_below
 from harness.data.thuman import find_subject
 
-__all__ = ["check_scan"]
-
 _MTLLIB = re.compile(rb"^mtllib[ \t]+(.*\S)", re.MULTILINE)
 
 

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     # What a manifest says of a dataset is in a scan's rules; how it was read decides nothing.
     from harness.data.manifest import Dataset
 
-__all__ = ["PLAUSIBLE_HEIGHT_M", "load_scan", "load_world_mesh", "locate_scan"]
-
-
 #: A subject outside this range is reported: its scale is probably wrong.
 PLAUSIBLE_HEIGHT_M = (1.2, 2.2)
 #: Beyond this, in metres, it is no person at all: millimetres, centimetres, another object.

@@ -18,8 +18,6 @@ from harness.data.thuman_trees import check_thuman, find_thuman
 if TYPE_CHECKING:
     from harness.data.manifest import Dataset
 
-__all__ = ["check_files", "fit_of", "load_subject", "locate_subject"]
-
 #: The kind of a user's own licensed copy of THuman.
 _THUMAN = "thuman"
 #: The kind of a user's other scans.

@@ -9,8 +9,6 @@ from pathlib import Path
 from harness.core.errors import DataError
 from harness.data.file_checks import FileCheck, check_file
 
-__all__ = ["SubjectFiles", "check_subject", "find_subject"]
-
 #: Below the root: THuman 2.1 as its users quote it, THuman 2.0, and a copy one level down.
 _SCAN_PLACES = ("model/{id}/{id}.obj", "{id}/{id}.obj", "*/model/{id}/{id}.obj", "*/{id}/{id}.obj")
 _FIT_PLACES = (

@@ -26,8 +26,6 @@ from harness.data.thuman_trees import ThumanFiles, find_thuman
 if TYPE_CHECKING:
     from harness.data.manifest import Dataset
 
-__all__ = ["load_thuman", "locate_thuman", "rotation_of"]
-
 #: Vertices of SMPL-X: a mesh of so many is the body of a fit.
 _BODY_VERTICES = 10475
 #: The scans of version 2.0; later ones stand in frames of their own.

@@ -16,8 +16,6 @@ from harness.core.errors import DataError
 from harness.data.file_checks import FileCheck, check_file
 from harness.data.thuman import find_subject
 
-__all__ = ["ThumanFiles", "check_thuman", "find_thuman"]
-
 _FIT = "smplx_param.pkl"
 _BODY = "mesh_smplx.obj"
 #: Below a root, and below a folder of fits beside it.

@@ -8,8 +8,6 @@ import yaml
 
 from harness.core.errors import DataError
 
-__all__ = ["Lines", "read_yaml"]
-
 #: The line of every key, by its path of keys.
 Lines = dict[tuple[str, ...], int]
 

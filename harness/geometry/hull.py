@@ -8,8 +8,6 @@ import numpy as np
 
 from harness.core.arrays import Floats, Singles
 
-__all__ = ["hull_distance"]
-
 
 def hull_distance(
     distances_m: Sequence[Callable[[Floats], Floats | Singles]], points: Floats, outside_m: float

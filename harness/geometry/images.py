@@ -20,24 +20,6 @@ from harness.core.files.atomic import atomic_path
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-__all__ = [
-    "MOST_PIXELS",
-    "PictureFile",
-    "check_picture",
-    "composite",
-    "linear_from_srgb",
-    "load_mask",
-    "load_rgb",
-    "load_rgba",
-    "normal_colours",
-    "packed_normals",
-    "resampled",
-    "sampled",
-    "save_png",
-    "srgb_from_linear",
-    "unit_normals",
-]
-
 Result = TypeVar("Result")
 Number = TypeVar("Number", bound=np.generic)
 

@@ -7,8 +7,6 @@ import numpy as np
 from harness.core.arrays import Floats, Singles
 from harness.core.mesh import Mesh
 
-__all__ = ["isosurface"]
-
 
 def isosurface(
     field: Singles,

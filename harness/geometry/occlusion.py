@@ -9,9 +9,6 @@ from harness.core.arrays import Floats
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals
 
-__all__ = ["lit_share", "vertex_openness"]
-
-
 #: Rays start this far above the surface, metres, so that they do not meet where they start.
 _LIFT_M = 1e-3
 _BATCH = 1 << 20

@@ -12,8 +12,6 @@ from harness.core.cameras.camera import Camera
 from harness.geometry.images import resampled, sampled
 from harness.geometry.window import Window
 
-__all__ = ["Outline", "inner_depth_px"]
-
 
 @dataclass(frozen=True, eq=False)
 class Outline:

@@ -25,8 +25,6 @@ from harness.geometry.images import composite, load_rgba, resampled
 from harness.geometry.outline import Outline
 from harness.geometry.window import Window
 
-__all__ = ["BLACK", "WHITE", "Photo", "Picture", "open_photo"]
-
 #: Backgrounds, sRGB.
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 

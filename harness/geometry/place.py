@@ -17,9 +17,6 @@ from harness.core.errors import MethodError
 from harness.geometry.outline import Outline
 from harness.geometry.window import Window
 
-__all__ = ["MEAN_HEIGHT_M", "Place", "place_of"]
-
-
 #: What a person's silhouette is taken to span where a single view tells no distance.
 MEAN_HEIGHT_M = 1.70
 #: Weights in the least-squares problem, against 1 for a metre off the ray through a box's middle:

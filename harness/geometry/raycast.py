@@ -25,8 +25,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
 from harness.geometry.window import Window, is_cut
 
-__all__ = ["Frame", "Hits", "Raycaster", "Side", "to_map_frame"]
-
 Frame = Literal["world", "camera"]
 #: The first and the last surface along the rays of a camera.
 Side = Literal["near", "far"]

@@ -13,9 +13,6 @@ from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
-__all__ = ["SurfaceIndex", "SurfacePoints", "merged_positions", "vertex_normals"]
-
-
 #: A sum of unit normals shorter than this has cancelled and no longer has a direction.
 _CANCELLED = 1e-6
 _LARGEST_COORDINATE = 1e15

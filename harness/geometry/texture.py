@@ -10,8 +10,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.images import linear_from_srgb
 from harness.geometry.raycast import Hits
 
-__all__ = ["linear_texture", "texture_at"]
-
 
 def linear_texture(texture: NDArray[np.uint8]) -> Floats:
     """(H, W, 3) linear intensities of an sRGB texture (H, W, 3) uint8."""

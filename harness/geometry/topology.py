@@ -15,18 +15,6 @@ from numpy.typing import ArrayLike
 from harness.core.arrays import AnyInts, Ints, Ints32
 from harness.core.mesh import Mesh
 
-__all__ = [
-    "Edges",
-    "Pieces",
-    "components",
-    "concatenated",
-    "edges_of",
-    "half_edges",
-    "largest_piece",
-    "open_edges",
-    "pieces_of",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:

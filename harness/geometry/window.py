@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from harness.core.arrays import Mask
 from harness.core.cameras.camera import Camera
 
-__all__ = ["Window", "is_cut", "rounded_up"]
-
 Number = TypeVar("Number", bound=np.generic)
 
 

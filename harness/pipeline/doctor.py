@@ -21,8 +21,6 @@ from methods.normals import installed
 from methods.parts.catalog import KINDS, part_kind
 from renderers.catalog import RENDERERS
 
-__all__ = ["Finding", "examine"]
-
 #: Debian package of each shared library that a wheel expects the system to have.
 _DEBIAN_PACKAGES = {
     "libusb-1.0.so.0": "libusb-1.0-0",

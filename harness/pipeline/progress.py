@@ -6,8 +6,6 @@ from typing import Protocol
 
 from harness.core.process.steps import StepReport
 
-__all__ = ["Progress", "Silent", "counted"]
-
 
 class Progress(Protocol):
     """Receives the pipeline's progress, possibly from several threads."""

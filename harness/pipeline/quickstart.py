@@ -18,8 +18,6 @@ from harness.pipeline.run.evaluate import EvalSummary, evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["QuickstartResult", "quickstart"]
-
 _FIGURES = "figures"
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
 

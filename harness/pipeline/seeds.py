@@ -22,16 +22,6 @@ from methods.foreign.command_method import CommandMethod
 from reports.seeds.table import seeds_table
 from reports.tables.table import Table
 
-__all__ = [
-    "SeedRun",
-    "evaluate_seeds",
-    "is_deterministic",
-    "parsed_seeds",
-    "seed_requests",
-    "seed_runs",
-    "table_of_seeds",
-]
-
 _SEED = "seed"
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
 _MOST_SEEDS = 1000

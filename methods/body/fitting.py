@@ -29,8 +29,6 @@ from methods.body.settings import FitSettings
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["FirstIn", "FittedParameters", "NormalsIn", "fit_body", "fitted_parameters"]
-
 #: Makes what estimates the clothed normals of some views: called with the views, and the (4, 4)
 #: from the world to the frame that their cameras are in.
 NormalsIn = Callable[[Views, Floats], NormalsOf]

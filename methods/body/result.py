@@ -10,8 +10,6 @@ from harness.core.arrays import Mask
 from harness.core.artifacts import Body
 from harness.core.mesh import Mesh
 
-__all__ = ["BodyFitResult", "FitCost"]
-
 
 @dataclass(frozen=True, slots=True)
 class FitCost:

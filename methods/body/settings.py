@@ -8,8 +8,6 @@ from harness.core.errors import HarnessError
 from harness.core.settings import check_choice, check_range
 from methods.body.fit.weights import Weights
 
-__all__ = ["FitSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class FitSettings(Weights):

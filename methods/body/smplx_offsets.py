@@ -20,9 +20,6 @@ from harness.core.formats.typed_json import from_json, to_json
 from harness.core.protocols import Part
 from methods.parts.folders import parts_folder
 
-__all__ = ["MeasuredOffset", "SmplxOffsets", "forget_offsets", "keep_offsets", "offsets_file",
-           "offsets_part", "stored_offsets"]  # fmt: skip
-
 _ROLE = "landmark offsets"
 _REMEDY = "Run: harness parts calibrate smplx --replace"
 _MOST_MM = 500.0

@@ -14,8 +14,6 @@ from harness.core.artifacts import Body, BodyLandmarks
 from harness.core.formats.typed_json import from_json, to_json
 from methods.body.result import BodyFitResult, FitCost
 
-__all__ = ["packed", "unpacked"]
-
 _PARAMETER, _REGION, _FACTS = "parameter_", "region_", "facts"
 #: Arrays of ``Body.to_arrays`` that are named like parameters of the model and are none.
 _JOINT_NAMES, _MAIN_JOINTS = "parameter_joint_names", "parameter_main_joints"

@@ -10,8 +10,6 @@ from harness.core.mesh import Mesh
 from methods.closed.lattices import contoured, evened, lattice_around, signed_distance
 from methods.closed.outlines import SignedOutline, outlines_distance
 
-__all__ = ["cut_to_outlines"]
-
 #: Lattice points that are asked at once, which bounds the memory.
 _AT_ONCE = 500_000
 

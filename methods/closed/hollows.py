@@ -18,8 +18,6 @@ from methods.closed.lattices import (
     way_to_others,
 )
 
-__all__ = ["Hollows", "hollows_of"]
-
 #: Signed distances are exact within so many steps of the surface.
 _EXACT_STEPS = 4
 #: Beyond the closed solid by less than this many steps is the lattice's roughness and no hollow.

@@ -22,17 +22,6 @@ from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import largest_piece
 from methods.closed.surfaces import Surface, smoothed_along
 
-__all__ = [
-    "Lattice",
-    "contoured",
-    "evened",
-    "lattice_around",
-    "remeshed",
-    "signed_distance",
-    "way_to_others",
-    "winding",
-]
-
 #: Lattice points beyond the box on each side.
 _FREE_CELLS = 3
 #: Part of a cell by which the lattice is shifted, so that its columns miss the vertices of earlier

@@ -14,8 +14,6 @@ from harness.geometry.hull import hull_distance
 from harness.geometry.outline import Outline
 from harness.geometry.window import Window
 
-__all__ = ["SignedOutline", "outlines_distance", "signed_outline"]
-
 #: Pixels kept around the subject's box. Points that are seen further out get the distance of the
 #: window's border, which is far outside for every use of it here.
 _MARGIN_PX = 64

@@ -13,8 +13,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import edges_of
 
-__all__ = ["Surface", "lengths", "smoothed_along", "unit", "vertex_sums"]
-
 #: How often the directions in which vertices move are averaged over their neighbours, so that
 #: vertices of a fold do not run into each other.
 _DIRECTION_ROUNDS = 6

@@ -19,8 +19,6 @@ from harness.core.errors import DataError, MissingPart
 from methods.feedforward.safetensors import read_header, read_tensor, write_tensors
 from methods.feedforward.tensors import UNUSED_HEADS, vggt_shapes
 
-__all__ = ["WEIGHTS_FILE", "VggtWeights", "examined_weights", "weights_file"]
-
 #: The reduced file's name.
 WEIGHTS_FILE = "vggt.safetensors"
 #: Names of the file in a folder as it is published.

@@ -10,8 +10,6 @@ from harness.core.protocols import Part
 from methods.foreign.interpreter import Interpreter, Packages
 from methods.foreign.manifest import Worker
 
-__all__ = ["Find", "InstalledNetwork"]
-
 
 @dataclass(frozen=True, slots=True)
 class InstalledNetwork:

@@ -24,8 +24,6 @@ from methods.foreign.exchange import Answer
 from methods.points.frames import Frame, fitted_picture
 from methods.points.sources import SourceRequest, ViewDepth
 
-__all__ = ["DepthAnything3", "MapAnything"]
-
 _PATCH = 14
 _ALIGNMENTS = ("native_posed", "sim3_cameras", "known_cameras", "oracle_icp")
 #: How far an answer's cameras may be from those that were given, metres and rotation's entries.

@@ -9,8 +9,6 @@ import psutil
 
 from harness.core.errors import MethodError
 
-__all__ = ["NetworkSize", "available_bytes", "require_memory"]
-
 _GIB = 2**30
 #: What Python, torch and the pictures take.
 _BASE_BYTES = 1.0 * _GIB

@@ -11,8 +11,6 @@ from harness.core.files.hashing import file_sha256
 from methods.feedforward.parts import DA3, MAPANYTHING, VGGT, NetworkNote, NetworkPart
 from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck, State
 
-__all__ = ["DA3_KIND", "MAPANYTHING_KIND", "VGGT_KIND", "NetworkKind"]
-
 
 @dataclass(frozen=True, slots=True)
 class NetworkKind:

@@ -22,17 +22,6 @@ from methods.foreign.interpreter import Interpreter
 from methods.foreign.manifest import read_worker
 from methods.parts.folders import parts_folder
 
-__all__ = [
-    "DA3",
-    "MAPANYTHING",
-    "VGGT",
-    "NetworkNote",
-    "NetworkPart",
-    "find_da3",
-    "find_mapanything",
-    "find_vggt",
-]
-
 _NOTE = "network.json"
 _SNAPSHOT = ("config.json", "model.safetensors")
 _WORKERS = Path(__file__).resolve().parent / "workers"

@@ -8,8 +8,6 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 
-__all__ = ["decoded_cameras"]
-
 #: The network's unprojection counts pixels by whole numbers and has the principal point at half the
 #: picture; here the centre of the first pixel is at 0.5, so that the point moves by as much.
 _HALF_PIXEL = 0.5

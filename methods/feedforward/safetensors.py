@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 
-__all__ = ["TensorPlace", "read_header", "read_tensor", "write_tensors"]
-
 _MOST_HEADER_BYTES = 100 * 2**20
 _SIZES = {"F32": 4, "F16": 2, "BF16": 2}
 

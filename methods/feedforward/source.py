@@ -25,15 +25,6 @@ from methods.points.sources import Estimate, SourceRequest, ViewDepth
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = [
-    "Dialect",
-    "NetworkSettings",
-    "NetworkSource",
-    "Prepared",
-    "fitted_photos",
-    "required",
-]
-
 _WORKERS = Path(__file__).resolve().parent / "workers"
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 
-__all__ = ["UNUSED_HEADS", "vggt_shapes"]
-
 Shape = tuple[int, ...]
 
 #: What names of tensors begin with that a file may hold and that are left out.

@@ -19,8 +19,6 @@ from methods.feedforward.source import NetworkSettings, Prepared, fitted_photos,
 from methods.foreign.exchange import Answer
 from methods.points.sources import SourceRequest, ViewDepth
 
-__all__ = ["Vggt"]
-
 _PATCH = 14
 
 

@@ -24,8 +24,6 @@ from methods.foreign.method_file import MethodFile, Value, read_method
 from methods.foreign.photo_folder import in_our_world, write_photos
 from methods.foreign.running import run_guarded
 
-__all__ = ["CommandMethod"]
-
 
 @dataclass(frozen=True, slots=True)
 class CommandMethod:

@@ -17,8 +17,6 @@ from harness.core.files.hashing import content_hash, file_sha256
 from methods.foreign.launch import Launch
 from methods.foreign.method_file import MethodFile
 
-__all__ = ["ForeignEnvironment", "environment_for", "files_sha256"]
-
 _LIMIT_S = 120
 _MOST_FILES = 5000
 #: Where a distribution was installed from a folder of this machine.

@@ -28,8 +28,6 @@ from methods.foreign.interpreter import Interpreter, environment_of
 from methods.foreign.manifest import Worker
 from methods.foreign.running import shown, wait_for
 
-__all__ = ["Answer", "asked"]
-
 _TEXTS = ("report", "refusal")
 
 

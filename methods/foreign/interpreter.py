@@ -14,8 +14,6 @@ from pathlib import Path
 from harness.core.errors import MissingPart
 from methods.foreign.manifest import Worker
 
-__all__ = ["Interpreter", "Packages", "environment_of"]
-
 _LIMIT_S = 60
 #: Standard library only, for any Python from 3.8 on. A module's package is where its top-level name
 #: leads to; a namespace package has no file of its own, so that the module itself is asked for.

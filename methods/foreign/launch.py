@@ -12,8 +12,6 @@ from harness.core.errors import MissingPart
 from methods.foreign.interpreter import Interpreter, environment_of
 from methods.foreign.method_file import MethodFile
 
-__all__ = ["Launch", "launch_of"]
-
 _ENGINES = ("docker", "podman")
 #: The harness's own settings are nobody else's business, and say where scans lie.
 _OURS = "HARNESS_"

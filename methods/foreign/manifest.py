@@ -20,8 +20,6 @@ from typing import Any
 
 from harness.core.errors import DataError
 
-__all__ = ["MANIFEST", "Worker", "read_entries", "read_worker", "text_of", "texts_of"]
-
 MANIFEST = "method.toml"
 #: What a command may have filled in.
 WORDS = ("python", "start", "parent", "script", "request", "answer")

@@ -28,8 +28,6 @@ from harness.core.formats.mesh_files import MESH_SUFFIXES
 from harness.core.privileges import Privilege
 from methods.foreign.manifest import MANIFEST, read_entries, text_of, texts_of
 
-__all__ = ["METHOD_FILE", "MethodFile", "Value", "read_method"]
-
 METHOD_FILE = MANIFEST
 Value = bool | int | float | str
 

@@ -28,8 +28,6 @@ from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import composite, load_rgba, save_png
 from methods.foreign.method_file import MethodFile
 
-__all__ = ["in_our_world", "views_of", "write_photos"]
-
 _SCHEMA = 1
 _GREY = (0.5, 0.5, 0.5)
 

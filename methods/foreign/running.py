@@ -18,8 +18,6 @@ from harness.core.errors import MethodError
 from harness.core.process.interrupts import require_not_stopped
 from methods.foreign import guard
 
-__all__ = ["Ended", "run_guarded", "shown", "wait_for"]
-
 _POLL_S = 0.1
 _TAIL_LINES = 15
 #: What the guard needs to end what the command left behind.

@@ -17,8 +17,6 @@ from methods.points.method import PointsMethod
 from methods.publications.points import VGGT_ROW
 from methods.publications.published import Published
 
-__all__ = ["da3_8", "mapanything8", "vggt2", "vggt8"]
-
 _RING = tuple(range(8))
 _FRONT_BACK = (0, 4)
 

@@ -13,8 +13,6 @@ from methods.points.method import PointsMethod, PointsRooms
 from methods.points.rendered import RenderedDepth
 from methods.points.settings import MeshSettings
 
-__all__ = ["oracle8_points"]
-
 oracle8_points = PointsMethod(
     "oracle8-points",
     tuple(range(8)),

@@ -25,8 +25,6 @@ from methods.points.meshing import meshed
 from methods.points.settings import MeshSettings
 from methods.stereo8 import Stereo8, stereo8
 
-__all__ = ["Stereo8Psr", "stereo8_psr"]
-
 _ROOM = "mesh"
 #: What only the moving of a surface uses.
 _UNUSED = ("narrow", "pulls")

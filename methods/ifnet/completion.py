@@ -22,8 +22,6 @@ from methods.ifnet.part import DECODER, ENCODER, IFNET
 from methods.ifnet.voxels import body_voxels, sheet_voxels
 from methods.parts.onnx_session import answers, open_session
 
-__all__ = ["Occupancy", "completed_by_network", "ifnet_part", "smoothed"]
-
 #: Voxels and cells along each axis of the cube.
 SIDE = 256
 #: Points that are asked for at once; a million would take 2 GB.

@@ -17,8 +17,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.isosurface import isosurface
 from harness.geometry.topology import largest_piece
 
-__all__ = ["INSIDE", "contoured_field", "refined"]
-
 #: The field is at least this inside.
 INSIDE = 0.5
 #: Cells along each axis of the coarsest lattice: 33 points, as published.

@@ -19,8 +19,6 @@ from methods.parts.onnx_export import Graph, bare, filled, require_equal, shapes
 from methods.parts.onnx_session import answers, open_session
 from methods.parts.store import Examined
 
-__all__ = ["PREFIX", "examine"]
-
 #: What the tensors' names begin with in the checkpoint.
 PREFIX = "netG."
 #: What the authors' training code also keeps there in some versions.

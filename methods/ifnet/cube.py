@@ -11,8 +11,6 @@ from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
 
-__all__ = ["Cube", "cube_around"]
-
 #: Longer side of the person's box, seen from the camera, in units of the cube, whose side is 2.
 _PERSON = 1.8
 

@@ -16,8 +16,6 @@ from torch.nn import functional
 
 from methods.parts.torch_layers import instance_normalised
 
-__all__ = ["FEATURES", "IfNet", "PointDecoder", "VoxelEncoder"]
-
 #: Channels of the six lattices of features, fine to coarse.
 FEATURES = (32, 32, 64, 128, 128, 128)
 _PARTIAL, _BODY = 16, 4

@@ -5,8 +5,6 @@ from __future__ import annotations
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["DECODER", "ENCODER", "IFNET"]
-
 #: The files for what is computed once for a subject, and for each point.
 ENCODER, DECODER = "encoder.onnx", "decoder.onnx"
 

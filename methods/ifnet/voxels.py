@@ -15,8 +15,6 @@ from harness.core.arrays import Floats, Mask, Singles
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 
-__all__ = ["body_voxels", "sheet_voxels"]
-
 #: Rays start this far from the cube's middle.
 _AWAY = 4.0
 #: Rays along columns pass beside the voxels' middles by this share of a voxel, so that they miss

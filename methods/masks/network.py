@@ -20,8 +20,6 @@ from methods.parts.kind import ImportOptions
 from methods.parts.onnx_session import answers, open_session
 from methods.parts.store import Examined
 
-__all__ = ["MaskNetwork", "examine", "imported_network"]
-
 
 class MaskNetwork:
     """Runs a network with onnxruntime on all cores of the processor.

@@ -6,8 +6,6 @@ from methods.masks.recipes import MASK_RECIPES
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["MASK_NETWORKS", "NETWORK_FILE", "RECIPE"]
-
 #: The file of the network, and the detail that names its recipe.
 NETWORK_FILE, RECIPE = "network.onnx", "recipe"
 

@@ -12,8 +12,6 @@ from types import MappingProxyType
 
 from harness.core.errors import HarnessError, did_you_mean
 
-__all__ = ["MASK_RECIPES", "MaskRecipe", "mask_recipe"]
-
 
 @dataclass(frozen=True, slots=True)
 class MaskRecipe:

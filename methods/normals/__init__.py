@@ -3,11 +3,3 @@
 from methods.normals.estimators import NormalChoice
 from methods.normals.view_maps import ViewMaps, view_maps
 from methods.normals.working_view import WorkingView, working_view
-
-__all__ = [
-    "NormalChoice",
-    "ViewMaps",
-    "WorkingView",
-    "view_maps",
-    "working_view",
-]

@@ -21,8 +21,6 @@ from methods.normals import installed
 from methods.normals.econ.estimator import econ_normals, econ_part
 from methods.normals.onnx_estimator import OnnxNormals
 
-__all__ = ["BodyNormals", "NormalChoice", "ScanNormals"]
-
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
 

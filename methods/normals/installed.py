@@ -23,21 +23,6 @@ from methods.normals.onnx_estimator import OnnxNormals
 from methods.normals.onnx_files import network_stamp
 from methods.parts.folders import user_folder
 
-__all__ = [
-    "OPEN_NETWORK",
-    "Check",
-    "Network",
-    "Place",
-    "check",
-    "find",
-    "import_file",
-    "imported_place",
-    "listed",
-    "loaded",
-    "named",
-    "shipped_place",
-]
-
 #: The estimator of our own, shipped with the package.
 OPEN_NETWORK = "open-normals7"
 

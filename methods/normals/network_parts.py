@@ -11,8 +11,6 @@ from methods.normals.recipes import RECIPES, prepared
 from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck
 from methods.parts.store import require_file
 
-__all__ = ["NETWORKS"]
-
 
 class _Networks:
     """Networks in the form of ``methods/normals/onnx_estimator.py``; see ``PartKind``."""

@@ -34,9 +34,6 @@ from methods.normals.onnx_files import network_sha256
 from methods.normals.window import mask_window, whole_window
 from methods.parts.onnx_session import open_session
 
-__all__ = ["OnnxNormals"]
-
-
 _INPUTS = ("image", "body_front", "body_back")
 _OPTIONAL_INPUTS = ("mask",)
 _OUTPUTS = ("front", "back")

@@ -11,8 +11,6 @@ from typing import Any
 from harness.core.errors import DataError, MissingPart
 from harness.core.files.hashing import file_sha256
 
-__all__ = ["network_sha256", "network_stamp", "read_network"]
-
 
 def network_sha256(path: Path) -> str:
     """The sha256 of all that a network consists of.

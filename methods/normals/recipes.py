@@ -14,8 +14,6 @@ from typing import Any
 
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 
-__all__ = ["RECIPES", "prepared"]
-
 
 @dataclass(frozen=True, slots=True)
 class _Recipe:

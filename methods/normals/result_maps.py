@@ -9,8 +9,6 @@ from __future__ import annotations
 from harness.core.artifacts import NormalMaps
 from methods.normals.view_maps import ViewMaps, filled_normals
 
-__all__ = ["result_maps"]
-
 
 def result_maps(maps: ViewMaps) -> NormalMaps:
     """A view's maps for others to measure; the body's reach as far as the estimate's."""

@@ -18,8 +18,6 @@ from harness.geometry.images import resampled
 from harness.geometry.raycast import Raycaster
 from methods.normals.working_view import WorkingView
 
-__all__ = ["ViewMaps", "filled_normals", "view_maps"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewMaps:

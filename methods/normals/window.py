@@ -10,8 +10,6 @@ from __future__ import annotations
 from harness.core.arrays import Mask
 from harness.geometry.window import Window, rounded_up
 
-__all__ = ["MARGIN_PX", "MULTIPLE", "mask_window", "whole_window"]
-
 #: Least number of pixels between the subject and the window's border.
 MARGIN_PX = 16
 #: Sides of what a network works on are multiples of this.

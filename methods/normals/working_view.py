@@ -11,9 +11,6 @@ from harness.core.errors import MethodError
 from harness.geometry.photo import Picture, open_photo
 from harness.geometry.window import Window
 
-__all__ = ["WorkingView", "working_view"]
-
-
 #: Share of the square that the subject's longer side fills, as in ECON's crops.
 _FILLED = 0.9
 

@@ -20,8 +20,6 @@ from methods.nview.targets import FusedTargets, check_not_flipped, fused_targets
 from methods.nview.views import FusionView
 from methods.surface.fusion import one_piece
 
-__all__ = ["Fused", "RoundReport", "finished_surface", "fused_surface", "moved_once", "settled"]
-
 #: The surface rests where its vertices move by less than this in a round, millimetres, by root mean
 #: square: a fiftieth of an edge.
 _REST_MM = 0.1

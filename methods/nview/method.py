@@ -49,8 +49,6 @@ from methods.photo_pull.pulled import PulledSurface, pulled_to_photos
 from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
 from methods.stages import Stages, contact_sheet
 
-__all__ = ["FusedMethod", "mexecon_plus"]
-
 #: Where a silhouette loses more than this share between start and end, a limb came off: a forearm
 #: is 2 to 4 % of a view. Fused surfaces of training subjects lose 0.3 to 0.8 %.
 _LOST_LIMB = 0.02

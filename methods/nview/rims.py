@@ -15,8 +15,6 @@ from methods.nview.settings import FusionSettings
 from methods.nview.system import PairRows, SingleRows
 from methods.nview.views import FusionView
 
-__all__ = ["RimRules", "outside_rows", "rim_rows"]
-
 #: A rim's outward direction in the picture and its normal agree by at least this cosine.
 _LEAST_AGREEMENT = 0.7
 #: A ray this far beside a rim, metres, misses the surface: early, and from the late round on.

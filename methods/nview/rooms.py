@@ -16,8 +16,6 @@ from methods.stereo.settings import (
     near_settings,
 )
 
-__all__ = ["FusedRooms"]
-
 
 @dataclass(frozen=True, slots=True)
 class FusedRooms:

@@ -9,8 +9,6 @@ from harness.core.settings import check_choice, check_range
 from methods.normals import NormalChoice
 from methods.nview.views import MOST_VIEWS
 
-__all__ = ["FusionSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class FusionSettings:

@@ -13,8 +13,6 @@ from harness.geometry.raycast import Raycaster
 from methods.closed.outlines import SignedOutline
 from methods.nview.views import FusionView
 
-__all__ = ["SilhouetteFit", "coarser", "silhouette_fit"]
-
 
 @dataclass(frozen=True, slots=True)
 class SilhouetteFit:

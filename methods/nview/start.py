@@ -29,13 +29,6 @@ from methods.nview.silhouettes import coarser, silhouette_fit
 from methods.nview.views import FusionView
 from methods.surface.clothed_body import clothed_body
 
-__all__ = [
-    "clothed",
-    "hull_field",
-    "hull_lattice",
-    "start_surface",
-]
-
 #: Lattice points along the edge of a block; the outlines are asked for a block's middle first.
 _BLOCK = 4
 #: Points of the search for the subject's box, metres apart, and free space around what the

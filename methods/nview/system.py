@@ -10,8 +10,6 @@ import numpy as np
 from harness.core.arrays import AnyInts, Floats
 from methods.closed.surfaces import Surface
 
-__all__ = ["MoveProblem", "PairRows", "SingleRows", "slope_rows"]
-
 #: Keeps a vertex that no row holds where it is.
 _RIDGE = 1e-12
 #: Squares of edges shorter than a third of a millimetre count as that.

@@ -14,8 +14,6 @@ from methods.closed.surfaces import Surface, lengths, unit
 from methods.nview.settings import FusionSettings
 from methods.nview.views import FusionView, NormalTargets
 
-__all__ = ["FusedTargets", "Sightings", "check_not_flipped", "fused_targets", "sightings", "trust"]
-
 #: A face is asked of a view if it looks at it by at least this cosine.
 _LEAST_FACING = 0.03
 #: Rays to the cameras start this far above the surface, metres.

@@ -15,16 +15,6 @@ from harness.core.protocols import even_places
 from harness.geometry.photo import open_photo
 from methods.closed.outlines import SignedOutline, signed_outline
 
-__all__ = [
-    "MOST_VIEWS",
-    "FusionView",
-    "NormalTargets",
-    "checked_views",
-    "even_choice",
-    "fusion_view",
-    "outline_views",
-]
-
 #: Fewer silhouettes leave most of the hull's surface free.
 LEAST_VIEWS = 3
 #: More were not tried.

@@ -10,8 +10,6 @@ from __future__ import annotations
 from harness.core.process.registry import Registry
 from methods.parts.kind import PartKind
 
-__all__ = ["KINDS", "all_kinds", "part_kind"]
-
 KINDS = Registry(
     "kind of part",
     {

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from harness.core.array_files.checkpoints import Checkpoint
 from harness.core.errors import DataError
 
-__all__ = ["Wanted", "read_wanted"]
-
 _SHOWN = 3
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["parts_folder", "user_folder"]
-
 
 def user_folder(variable: str, name: str) -> Path:
     """The folder that an environment variable names, or one of that name below the data folder.

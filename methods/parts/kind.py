@@ -10,8 +10,6 @@ from typing import Protocol
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.protocols import Part
 
-__all__ = ["About", "ImportOptions", "InstalledPart", "PartCheck", "PartKind", "State"]
-
 
 class State:
     """What a part's files can be."""

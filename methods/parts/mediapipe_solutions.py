@@ -8,8 +8,6 @@ from typing import Any
 
 from harness.core.errors import MissingPart
 
-__all__ = ["solutions", "titled"]
-
 
 def titled(solution: str) -> str:
     """A solution's name as records and captures have it, with the installed version if any."""

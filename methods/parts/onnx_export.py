@@ -14,8 +14,6 @@ from torch import nn
 
 from harness.core.errors import MethodError
 
-__all__ = ["Graph", "bare", "filled", "require_equal", "shapes_of", "write_onnx"]
-
 
 @dataclass(frozen=True, slots=True)
 class Graph:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from harness.core.errors import DataError, MethodError, MissingPart
 
-__all__ = ["answers", "open_session"]
-
 _CPU, _CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 
 

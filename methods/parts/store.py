@@ -29,8 +29,6 @@ from harness.core.formats.typed_json import from_json, to_json
 from methods.parts.folders import parts_folder
 from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck, State
 
-__all__ = ["ConvertedKind", "Examine", "Examined", "StoredPart", "require_file"]
-
 _NOTE = "part.json"
 
 

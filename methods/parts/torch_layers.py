@@ -5,8 +5,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-__all__ = ["InstanceNorm", "instance_normalised"]
-
 _EPS = 1e-5
 
 

@@ -39,8 +39,6 @@ from methods.stereo.settings import CameraSettings, NarrowSettings
 from methods.stereo.surface import pixel_span_m
 from methods.stereo.views import Contrast, StereoView, contrast, reduction
 
-__all__ = ["CameraShifts", "camera_shifts"]
-
 #: Fewer points that two pairs see tell nothing, and fewer of a pair nothing of its shift across.
 _LEAST_POINTS, _LEAST_ACROSS = 200, 20
 #: By how much the best correlation over shifts across exceeds every other peak.

@@ -24,8 +24,6 @@ from methods.stereo.settings import DentSettings
 from methods.stereo.surface import stereo_points
 from methods.stereo.views import StereoView
 
-__all__ = ["Undented", "without_dents"]
-
 #: Points within this distance of a hollow are asked about it.
 _AROUND_M = 0.018
 #: A point tells something about a hollow where it is this far before the surface, and no further

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from methods.stereo.pull import RoundReport
     from methods.stereo.views import StereoView
 
-__all__ = ["PulledSurface", "agreed_points", "pulled_to_photos"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PulledSurface:

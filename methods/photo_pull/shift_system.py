@@ -20,8 +20,6 @@ import numpy as np
 from harness.core.arrays import Floats, Ints
 from harness.core.cameras.camera import Camera
 
-__all__ = ["Across", "Contradictions", "Shifts", "across_direction", "solved_shifts"]
-
 #: Differences of offsets are trusted up to about this, metres, and shifts across up to so many
 #: pixels; larger ones are outliers and count less and less.
 _TRUSTED_M, _TRUSTED_PX = 0.0015, 0.5

@@ -9,8 +9,6 @@ from harness.core.arrays import Floats
 from methods.body.result import BodyFitResult
 from methods.stereo.settings import StereoSettings
 
-__all__ = ["StereoTask", "hands_of", "stereo_parameters"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoTask:

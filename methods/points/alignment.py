@@ -18,8 +18,6 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 
-__all__ = ["ALIGNMENTS", "CameraFit", "Similarity", "camera_similarity", "point_similarity"]
-
 #: How a source's world becomes the harness's, as a setting says it.
 #: ``sim3_cameras``: depth and cameras as estimated, moved by one similarity for all views.
 #: ``known_cameras``: the estimated depth in the known cameras; only its scale is from the former.

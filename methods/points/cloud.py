@@ -9,8 +9,6 @@ import numpy as np
 
 from harness.core.arrays import Floats, Mask
 
-__all__ = ["OrientedPoints"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientedPoints:

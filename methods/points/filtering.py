@@ -14,8 +14,6 @@ from methods.points.cloud import OrientedPoints
 from methods.points.normals import grid_normals
 from methods.points.settings import KeepSettings
 
-__all__ = ["Kept", "WorldDepth", "kept_points"]
-
 #: The mask holds pixels that the subject covers at least half of.
 _COVERED = 0.5
 #: Flatter angles do not make pixels' points any further apart: depth edges are cut by then.

@@ -18,8 +18,6 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
 from harness.geometry.images import resampled
 
-__all__ = ["Fit", "Frame", "fitted_frame", "fitted_picture"]
-
 #: ``pad`` shows all of a photo on a square, ``fit`` all of it without the padding, and ``crop``
 #: fills the width and cuts what is taller than the square.
 Fit = Literal["pad", "fit", "crop"]

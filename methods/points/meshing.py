@@ -24,8 +24,6 @@ from methods.points.settings import MeshSettings
 from methods.points.silhouettes import held_to
 from methods.surface.fusion import OCTREES, one_piece
 
-__all__ = ["Surfaces", "meshed"]
-
 _LEAST_POINTS = 100
 
 

@@ -29,8 +29,6 @@ from methods.publications.published import Published
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["PointsMethod", "PointsRooms"]
-
 
 @dataclass(frozen=True, slots=True)
 class PointsRooms:

@@ -7,8 +7,6 @@ import numpy as np
 from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 
-__all__ = ["grid_normals"]
-
 #: Determinant of the window's spread of pixels, px^4, below which they are on one line.
 _ON_ONE_LINE = 1e-3
 

@@ -16,8 +16,6 @@ from harness.geometry.surface import SurfaceIndex
 from methods.points.alignment import Similarity, point_similarity
 from methods.points.cloud import OrientedPoints
 
-__all__ = ["Moved", "moved_onto"]
-
 #: Points that are asked, evenly chosen; rounds; and the share of pairs that count, nearest first.
 _ASKED, _ROUNDS, _COUNTED = 20_000, 40, 0.8
 _ENOUGH_M = 1e-6

@@ -27,8 +27,6 @@ from methods.points.sources import Estimate, SourceRequest, ViewDepth
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["DepthSettings", "RenderedDepth"]
-
 #: The own world's unit in metres is between 1 / this and this.
 _LARGEST_UNIT = 5.0
 

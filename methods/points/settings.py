@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from harness.core.settings import check_choice, check_range
 from methods.points.alignment import ALIGNMENTS
 
-__all__ = ["AlignSettings", "KeepSettings", "MeshSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class AlignSettings:

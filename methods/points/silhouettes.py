@@ -18,8 +18,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.images import sampled
 from harness.geometry.outline import Outline
 
-__all__ = ["held_to"]
-
 #: Vertices less far outside are left alone; and turns through all views.
 _TOLERANCE_PX, _TURNS = 0.5, 8
 

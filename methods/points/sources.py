@@ -21,8 +21,6 @@ from methods.points.frames import Frame
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["Estimate", "PointSource", "SourceRequest", "ViewDepth"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceRequest:

@@ -13,8 +13,6 @@ from harness.core.protocols import Deviation
 from methods.publications import deviations
 from methods.publications.published import Published
 
-__all__ = ["ECON", "MEXECON", "MEXECON_CEILING", "PublishedSurface"]
-
 _SETTING, _NETWORK = "surface.completion", "ifnet"
 _STEPS = (
     Deviation(

@@ -13,16 +13,6 @@ from harness.core.protocols import Deviation
 from methods.publications import with_parts
 from methods.publications.published import Published
 
-__all__ = [
-    "BODY_AVERAGE",
-    "BODY_FRONT",
-    "ECON",
-    "JMBO_WITHOUT_HEAD",
-    "MEXECON",
-    "MEXECON_CEILING",
-    "PUBLISHED_JMBO",
-]
-
 _MEXECON_SOURCE = (
     "MExECON: Multi-view Extended Explicit Clothed humans Optimized via Normal integration"
 )

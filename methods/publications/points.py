@@ -10,8 +10,6 @@ from __future__ import annotations
 from harness.core.protocols import Deviation
 from methods.publications.published import Published
 
-__all__ = ["VGGT_ROW"]
-
 _NOT_STATED = "not stated"
 
 VGGT_ROW = Published(

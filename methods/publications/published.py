@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 
 from harness.core.protocols import Deviation
 
-__all__ = ["SET_BY_USER", "Published"]
-
 #: The reason of a difference that the method's author gave none for.
 SET_BY_USER = "set by the user"
 

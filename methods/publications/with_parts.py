@@ -9,8 +9,6 @@ from collections.abc import Mapping
 
 from harness.core.protocols import Deviation
 
-__all__ = ["ENDED", "ONLY_WITH", "STEPS"]
-
 _SMPLX = ("body.model", "smplx")
 _PIXIE = ("body.start", "pixie")
 

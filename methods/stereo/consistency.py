@@ -13,9 +13,6 @@ from methods.stereo.membrane import unit
 from methods.stereo.patchmatch import DepthMap
 from methods.stereo.settings import KeepRules
 
-__all__ = ["StereoPoints", "consistent_points", "joined"]
-
-
 #: Points average with weights 1 / (this + cost).
 _COST_SOFTENING = 0.02
 _ISOLATED_NEIGHBOURS = 6

@@ -18,9 +18,6 @@ import numpy as np
 from harness.core.arrays import Floats
 from methods.stereo.membrane import Neighbourhood
 
-__all__ = ["Agreement", "agreement"]
-
-
 #: Over how many neighbours the two are averaged: about 3 cm of surface.
 _SPREAD = 12
 #: Offsets below this need no proof, metres: they change nothing that can be measured.

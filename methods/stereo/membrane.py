@@ -12,9 +12,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
 from harness.geometry.topology import components, edges_of
 
-__all__ = ["Neighbourhood", "unit"]
-
-
 #: Holds vertices without data where they are, against 1 for a point.
 _HOLD = 1e-3
 

@@ -22,17 +22,6 @@ from methods.stereo.pull import RoundReport, round_report
 from methods.stereo.settings import NarrowSettings
 from methods.stereo.views import OUTSIDE, Contrast
 
-__all__ = [
-    "PairOffsets",
-    "correlation_curves",
-    "narrowed",
-    "outward",
-    "pair_offsets",
-    "seen_by_pairs",
-    "sure_peaks",
-]
-
-
 _SMOOTHINGS = 4
 #: Rays to the cameras start so far above the surface.
 _LIFT_M = 0.003

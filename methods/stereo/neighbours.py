@@ -9,9 +9,6 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 
-__all__ = ["neighbours", "pairs"]
-
-
 #: Seen from the subject. Nearer views hardly tell depth; further ones show other surfaces.
 _LEAST_DEG, _MOST_DEG = 10.0, 65.0
 #: With eight even views, the next ones, 45 degrees away, are the ones to match.

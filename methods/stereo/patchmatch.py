@@ -33,9 +33,6 @@ from methods.stereo.membrane import Neighbourhood
 from methods.stereo.settings import MatchSettings
 from methods.stereo.views import OUTSIDE, Contrast
 
-__all__ = ["DepthMap", "StartSurface", "depth_map", "window_weights"]
-
-
 #: A view is asked about a point that it sees at no flatter angle, and is not blocked from there.
 _LEAST_FACING, _LIFT_M = 0.2, 0.006
 #: How often the start's normals are averaged over their neighbours: PatchMatch finds the detail.

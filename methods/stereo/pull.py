@@ -20,8 +20,6 @@ from methods.stereo.evidence import Agreement, agreement
 from methods.stereo.membrane import Neighbourhood
 from methods.stereo.settings import PullRound
 
-__all__ = ["Pulled", "Remesh", "RoundReport", "pull", "round_report"]
-
 #: A new mesh of a closed surface with edges of about so many metres.
 Remesh = Callable[[Mesh, float], Mesh]
 

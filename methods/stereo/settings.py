@@ -6,17 +6,6 @@ from dataclasses import dataclass, field
 
 from harness.core.errors import HarnessError
 
-__all__ = [
-    "CameraSettings",
-    "DentSettings",
-    "KeepRules",
-    "MatchSettings",
-    "NarrowSettings",
-    "PullRound",
-    "StereoSettings",
-    "near_settings",
-]
-
 #: Four rounds from a hull that stands off by centimetres to a surface within a millimetre. Chosen
 #: on the training subject t00021; the last one leaves the mesh as it is.
 _ROUNDS_M = (

@@ -18,9 +18,6 @@ from methods.stereo.pull import Pulled
 from methods.stereo.settings import StereoSettings
 from methods.stereo.views import StereoView, contrast, reduction
 
-__all__ = ["finished", "pixel_span_m", "stereo_points"]
-
-
 #: On photos as coarse as those of the depth maps the narrow search has patches of 4 cm, and makes
 #: the surface worse: 5.29 after it and 5.27 mm before on t00021 at ``quick8``, 12.6 and 12.2 deg.
 _FINER = 0.75

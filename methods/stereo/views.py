@@ -12,9 +12,6 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.images import resampled
 
-__all__ = ["OUTSIDE", "Contrast", "StereoView", "contrast", "reduction", "stereo_view"]
-
-
 #: The value of pixels that do not show the subject, far from every contrast.
 OUTSIDE = -100.0
 #: Pixels of the frame that are kept around the subject.

@@ -8,13 +8,3 @@ from methods.surface.front_back import (
 )
 from methods.surface.integration import integrate_normals
 from methods.surface.sheets import SheetParameters, front_back_sheets
-
-__all__ = [
-    "BodyDepth",
-    "FrontBackDepth",
-    "FrontBackParameters",
-    "SheetParameters",
-    "front_back_sheets",
-    "integrate_front_back",
-    "integrate_normals",
-]

@@ -20,8 +20,6 @@ from scipy.special import expit
 from harness.core.arrays import Floats
 from methods.surface.lattice import Couplings, solve
 
-__all__ = ["Anchors", "Equations", "Schedule", "integrate"]
-
 
 @dataclass(frozen=True, slots=True)
 class Equations:

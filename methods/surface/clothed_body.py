@@ -21,9 +21,6 @@ from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals
 from methods.surface.completion import smooth_offsets, stiffness
 
-__all__ = ["clothed_body", "is_unobstructed", "ways_out_m"]
-
-
 #: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
 _STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04
 #: Share of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance

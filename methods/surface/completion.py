@@ -20,14 +20,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex, vertex_normals
 from harness.geometry.topology import edges_of
 
-__all__ = [
-    "BodyCompletion",
-    "CompletionParameters",
-    "smooth_offsets",
-    "stiffness",
-    "without_vertices",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class CompletionParameters:

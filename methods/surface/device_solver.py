@@ -15,9 +15,6 @@ from methods.surface.reduced_system import ReducedSystem
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["conjugate_gradients_on", "require_device"]
-
-
 # Reading the residual back stalls the device; a few steps too many cost less.
 _STEPS_BETWEEN_READINGS = 8
 

@@ -28,8 +28,6 @@ from methods.surface.integration import (
     tangent_planes,
 )
 
-__all__ = ["BodyDepth", "FrontBackDepth", "FrontBackParameters", "integrate_front_back"]
-
 
 @dataclass(frozen=True, slots=True)
 class FrontBackParameters:

@@ -19,9 +19,6 @@ from harness.geometry.surface import vertex_normals
 from harness.geometry.topology import concatenated, largest_piece, open_edges
 from methods.surface.pinches import without_pinches
 
-__all__ = ["OCTREES", "FusionParameters", "fused", "one_piece"]
-
-
 #: The octree's side over the longest side of what is fused, and levels more that it then needs for
 #: cells of about the same size. The bulge in a wide gap can reach the octree's wall, where the
 #: surface stays open, as at the published 1.1: then the next one is tried.

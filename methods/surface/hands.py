@@ -13,9 +13,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex
 from methods.surface.completion import without_vertices
 
-__all__ = ["body_hands", "without_hands"]
-
-
 #: The published distance (0.08 in ECON's cube, in which a person is about 1.8 high).
 REACH_M = 0.08
 

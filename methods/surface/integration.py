@@ -11,16 +11,6 @@ from harness.core.errors import DataError
 from harness.geometry.window import Window
 from methods.surface.bilateral import Equations, Schedule, integrate
 
-__all__ = [
-    "checked_intrinsics",
-    "checked_mask",
-    "checked_normals",
-    "focal_length",
-    "integrate_normals",
-    "tangent_planes",
-]
-
-
 # An 8-bit map is off by up to 0.007; a map left in [0, 1] or interpolated across an edge by more.
 _UNIT_TOLERANCE = 0.02
 

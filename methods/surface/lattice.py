@@ -22,9 +22,6 @@ from harness.core.arrays import Floats, Singles
 from methods.surface.device_solver import conjugate_gradients_on
 from methods.surface.reduced_system import ReducedSystem
 
-__all__ = ["Couplings", "solve"]
-
-
 # Solving for the correction of a float64 iterate, single precision is far finer than the tolerance
 # and halves the memory traffic that conjugate gradients are made of.
 _WORKING = np.float32

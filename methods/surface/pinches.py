@@ -15,9 +15,6 @@ from harness.core.arrays import Floats, Ints
 from harness.core.mesh import Mesh
 from harness.geometry.topology import half_edges
 
-__all__ = ["without_pinches"]
-
-
 #: How far the two middles of a cut edge move towards the faces they belong to.
 _APART = 0.1
 

@@ -8,8 +8,6 @@ from scipy.sparse import dia_array
 
 from harness.core.arrays import Singles
 
-__all__ = ["ReducedSystem"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSystem:

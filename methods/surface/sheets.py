@@ -13,8 +13,6 @@ from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.geometry.topology import pieces_of
 
-__all__ = ["SheetParameters", "depth_sheet", "front_back_sheets", "in_large_piece"]
-
 
 @dataclass(frozen=True, slots=True)
 class SheetParameters:

@@ -20,8 +20,6 @@ from harness.geometry.window import Window
 from metrics.body import silhouette_iou
 from metrics.photos.likeness import likeness
 
-__all__ = ["EDGE_M", "MOST_HELD_OUT", "Appearance", "appearance", "in_exposure_of"]
-
 #: Colours lie on vertices about this far apart, or 1.5 pixels where these are larger, whatever the
 #: mesh's own triangles.
 EDGE_M, _EDGE_PIXELS = 0.004, 1.5

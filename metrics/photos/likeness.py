@@ -15,8 +15,6 @@ from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from harness.core.quality.photo_scores import Likeness
 
-__all__ = ["MOST_DB", "likeness", "psnr_db", "ssim_map"]
-
 #: What pictures that do not differ score, instead of infinity.
 MOST_DB = 100.0
 _WINDOW, _DEVIATION = 11, 1.5

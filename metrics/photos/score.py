@@ -16,8 +16,6 @@ from metrics.normal_maps import angular_error_map, angular_errors
 from metrics.photos.appearance import EDGE_M, appearance
 from metrics.photos.soundness import soundness
 
-__all__ = ["map_agreement", "photo_scores"]
-
 
 def photo_scores(
     mesh: Mesh,

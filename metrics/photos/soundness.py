@@ -19,8 +19,6 @@ from harness.core.quality.photo_scores import Soundness
 from harness.geometry.surface import merged_positions
 from harness.geometry.topology import Edges, edges_of, half_edges
 
-__all__ = ["self_intersecting", "soundness"]
-
 #: An edge is cast without so much of it at either end, where it meets its neighbours.
 _END_SHARE = 1e-4
 _BATCH = 1 << 20

@@ -17,8 +17,6 @@ from harness.geometry.images import load_rgba, save_png
 from renderers.blender.scene import describe, vertices_in_blender
 from renderers.protocol import RenderOutcome, texture_of
 
-__all__ = ["BlenderRenderer"]
-
 _WORKER = "renderers.blender.worker"
 
 

@@ -27,8 +27,6 @@ from harness.core.settings import RenderRecipe
 from harness.geometry.window import Window
 from renderers.studio import KEY_SIDE_M, key_light_position, square_light_radiance
 
-__all__ = ["BlenderCamera", "BlenderView", "KeyLight", "Scene", "describe", "vertices_in_blender"]
-
 Matrix = tuple[tuple[float, ...], ...]
 
 #: Only lens / sensor matters, so any value would do; this is Blender's default.

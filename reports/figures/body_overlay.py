@@ -12,8 +12,6 @@ from reports.figures.comparison import MethodMesh
 from reports.figures.panels import blended, canvas, panel_windows, photo, save, show
 from reports.figures.shading import shaded
 
-__all__ = ["body_overlay"]
-
 _PANEL_INCH = 3.0
 _MOST_VIEWS = 8
 _BODY_RGB = (0.25, 0.55, 1.0)

@@ -31,9 +31,6 @@ from reports.figures.panels import (
 )
 from reports.figures.shading import ErrorScale, heat, shaded
 
-__all__ = ["MethodMesh", "SubjectPanels", "colour_bar", "overlay_figure", "qualitative_grid"]
-
-
 _PANEL_INCH = 2.8
 _OVERLAY_INCH = 4.0
 #: Meshes are drawn at least this high, however small the photos are.

@@ -28,16 +28,6 @@ from reports.figures.panels import canvas, on_white, panel_windows, photo, save,
 from reports.figures.shading import ErrorScale, heat, shaded
 from reports.tables.regions import LEAST_SHARE
 
-__all__ = [
-    "Failure",
-    "FailurePanel",
-    "FailureRow",
-    "failure_grid",
-    "worst_region",
-    "worst_subjects",
-]
-
-
 _PANEL_INCH = 3.2
 _TITLE_LENGTH = 22
 _LEAST_HEIGHT = 420

@@ -20,9 +20,6 @@ from reports.figures.comparison import colour_bar
 from reports.figures.panels import canvas, photo, save, show
 from reports.figures.shading import ErrorScale
 
-__all__ = ["NormalPanels", "NormalRow", "normal_grid"]
-
-
 _PANEL_INCH = 2.4
 _MARGIN = 0.02
 #: A panel is so much higher than its picture, so that titles and numbers have their place.

@@ -19,18 +19,6 @@ from harness.geometry.images import resampled
 from harness.geometry.photo import WHITE, open_photo
 from harness.geometry.window import Window
 
-__all__ = [
-    "PanelWindow",
-    "blended",
-    "canvas",
-    "on_white",
-    "panel_windows",
-    "photo",
-    "save",
-    "show",
-]
-
-
 _DPI = 150
 _MARGIN = 0.06
 #: Room beside the panels for row labels and the colour bar, inches.

@@ -18,8 +18,6 @@ from harness.geometry.window import Window
 from reports.figures.panels import PanelWindow, canvas, on_white, save, show
 from reports.figures.shading import shaded
 
-__all__ = ["SheetInput", "draw_photo_sheet"]
-
 #: More photos are not shown: a sheet is to be seen at once.
 _MOST_SHOWN = 8
 #: Where few photos show a person, the mesh is also shown turned by so many degrees.

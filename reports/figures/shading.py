@@ -12,9 +12,6 @@ from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError
 from harness.geometry.raycast import Raycaster
 
-__all__ = ["ErrorScale", "heat", "shaded"]
-
-
 #: Towards the light from the surface, in the frame of maps: from the viewer's upper left.
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 _AMBIENT = 0.25

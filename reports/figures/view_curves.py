@@ -11,8 +11,6 @@ from harness.core.metric_catalog import METRICS
 from reports.figures.panels import save
 from reports.tables.views import ViewSeries
 
-__all__ = ["view_curves"]
-
 _SHOWN = ("chamfer", "normal_error")
 _LEAST_POINTS = 2
 

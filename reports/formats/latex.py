@@ -15,8 +15,6 @@ from harness.core.units import Unit
 from reports.formats.layout import Markup, body_lines, footnotes, header_line, published_lines
 from reports.tables.table import Column, Table
 
-__all__ = ["escape", "to_latex"]
-
 _NOTHING = "\N{ZERO WIDTH SPACE}"
 _SPECIAL = {
     "\\": r"\textbackslash{}",

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from reports.published import PublishedBlock
 from reports.tables.table import DASH, Cell, Column, Row, Table
 
-__all__ = ["Markup", "body_lines", "footnotes", "header_line", "published_lines"]
-
 _PUBLISHED_MARK = "†"
 
 

@@ -6,8 +6,6 @@ from harness.core.units import Unit
 from reports.formats.layout import Markup, body_lines, footnotes, header_line, published_lines
 from reports.tables.table import Column, Table
 
-__all__ = ["to_markdown"]
-
 _ESCAPED = str.maketrans({character: f"\\{character}" for character in r"\`*_[]<>|~#"})
 
 

@@ -11,8 +11,6 @@ from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock, PublishedValue
 from reports.tables.table import Cell, Column, Row, Table
 
-__all__ = ["to_csv", "to_json"]
-
 #: Text that begins so is calculated by spreadsheets. Numbers are no text and stay what they are.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 

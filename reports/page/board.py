@@ -11,8 +11,6 @@ from reports.page.frame import (
 )
 from reports.page.model import BoardModel
 
-__all__ = ["BOARD_SCRIPTS", "board_html"]
-
 #: The page's own scripts in the order in which they are loaded; the data come after the first.
 BOARD_SCRIPTS = ("page.js", "tables.js")
 

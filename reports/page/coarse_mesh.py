@@ -14,8 +14,6 @@ from harness.core.arrays import Floats, Ints
 from harness.core.mesh import Mesh
 from reports.page.compact_mesh import CompactMesh, ScalarColumn
 
-__all__ = ["COARSE_FACES", "coarse_mesh"]
-
 #: About how many faces a coarse mesh has.
 COARSE_FACES = 25_000
 #: A mesh with fewer faces than this many times as many is drawn as it is.

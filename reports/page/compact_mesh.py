@@ -26,8 +26,6 @@ from harness.core.arrays import AnyInts, Floats
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
-__all__ = ["COMPACT_VERSION", "CompactMesh", "CompactScalar", "ScalarColumn"]
-
 #: Grows when the form changes, so that no page reads an older file.
 COMPACT_VERSION = 1
 

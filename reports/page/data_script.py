@@ -14,18 +14,6 @@ from reports.page.method_html import record_path
 from reports.page.model import TRUTH, BoardModel, PageModel, PageSubject
 from reports.tables.table import Table
 
-__all__ = [
-    "board_script",
-    "coarse_path",
-    "coarse_script",
-    "data_script",
-    "photos_path",
-    "photos_script",
-    "surface_path",
-    "surface_script",
-    "thumbnail_path",
-]
-
 
 def surface_path(subject: str, method: str) -> str:
     """Where a surface lies, relative to the page. A method may be called ``truth``, too."""

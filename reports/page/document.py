@@ -15,8 +15,6 @@ from reports.page.frame import (
 )
 from reports.page.model import PageModel, PageSubject
 
-__all__ = ["SCRIPTS", "page_html"]
-
 #: The page's own scripts in the order in which they are loaded; three.js comes before them.
 SCRIPTS = (
     "page.js",

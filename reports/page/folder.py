@@ -31,8 +31,6 @@ from reports.page.method_html import record_path
 from reports.page.model import BoardModel, PageModel
 from reports.page.photos import thumbnail, webp
 
-__all__ = ["MARK_FILE", "PageFolder", "page_folder"]
-
 #: Says that a folder is a page, which may be replaced by a newer one.
 MARK_FILE = "page.json"
 _STYLE = "page.css"

@@ -12,8 +12,6 @@ from reports.page.model import Fact, PageMethod
 from reports.page.table_html import tables_html
 from reports.tables.table import Table
 
-__all__ = ["RESULT_SECTIONS", "PageFrame", "about_html", "failures_section", "results_html"]
-
 #: Ids of the sections that every page has.
 RESULT_SECTIONS = ("results", "methods", "failures", "about")
 _TITLES = {

@@ -10,8 +10,6 @@ from harness.core.protocols import Deviation, MethodInfo
 from harness.core.records import Record
 from reports.page.model import PageMethod
 
-__all__ = ["failures_html", "methods_html", "record_path"]
-
 
 def record_path(record: Record) -> str:
     """Where a record lies, relative to the page."""

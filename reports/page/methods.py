@@ -8,8 +8,6 @@ from harness.core.records import Record
 from reports.page.model import PageMethod
 from reports.tables.selection import select
 
-__all__ = ["page_methods"]
-
 
 def page_methods(records: Sequence[Record]) -> tuple[PageMethod, ...]:
     """What a reader must know of each method, in the order of the records."""

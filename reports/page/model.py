@@ -10,18 +10,6 @@ from harness.core.protocols import MethodInfo
 from harness.core.records import Record
 from reports.tables.table import Table
 
-__all__ = [
-    "TRUTH",
-    "BoardModel",
-    "Fact",
-    "PageMethod",
-    "PageModel",
-    "PageScalar",
-    "PageSubject",
-    "PageSurface",
-    "PageView",
-]
-
 #: The name of the true surface where others have the name of their method. No method has a slash.
 TRUTH = "/truth"
 

@@ -10,8 +10,6 @@ from PIL import Image
 from harness.core.arrays import Bytes
 from harness.core.cameras.camera import Camera
 
-__all__ = ["MOST_PHOTO_PIXELS", "photo_camera", "thumbnail", "webp"]
-
 #: The longer side of a photo on the page, in pixels; no photo is made larger.
 MOST_PHOTO_PIXELS = 960
 _THUMBNAIL_PIXELS = 192

@@ -7,8 +7,6 @@ from html import escape
 
 from reports.tables.table import DASH, Cell, Column, Row, Table
 
-__all__ = ["table_html", "tables_html"]
-
 
 def tables_html(tables: Sequence[Table]) -> str:
     """All tables, each under its own heading; the page's script makes tabs of them."""

@@ -15,5 +15,3 @@ from reports.published.printed import (
     PublishedRow,
     PublishedValue,
 )
-
-__all__ = ["PUBLISHED", "UNIT_NOTE", "PublishedBlock", "PublishedRow", "PublishedValue"]

@@ -17,8 +17,6 @@ from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.core.results import MetricValue
 
-__all__ = ["STORED_METHODS", "SUBJECTS", "stored_averages", "stored_records"]
-
 #: Printed title by method, which is also the name of its file.
 STORED_METHODS: Mapping[str, str] = {
     "econ": "ECON",

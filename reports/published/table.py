@@ -13,8 +13,6 @@ from reports.tables.geometry import geometry_table
 from reports.tables.paired import paired_table
 from reports.tables.table import Row, Table
 
-__all__ = ["published_differences", "published_means"]
-
 _ORIGIN = "Results by subject as published with the paper's code, not measured here"
 #: The paper's rival first: differences are from it unless others are asked for.
 _FROM_RIVAL = ("vggt8", "econ", "mexecon2", "mexecon8")

@@ -14,19 +14,6 @@ from harness.core.records import Record
 from harness.core.units import Unit
 from reports.tables.selection import check_comparable
 
-__all__ = [
-    "BASELINE_SCHEMA",
-    "Baseline",
-    "Entry",
-    "Tolerance",
-    "Value",
-    "common_settings",
-    "default_tolerance",
-    "inputs_of",
-    "numbers_of",
-    "update",
-]
-
 BASELINE_SCHEMA = 1
 
 Cell = tuple[str, str]

@@ -17,17 +17,6 @@ from reports.regression.baseline import (
     numbers_of,
 )
 
-__all__ = [
-    "Changed",
-    "Comparison",
-    "Missing",
-    "Moved",
-    "check_settings",
-    "compare",
-    "to_markdown",
-    "to_text",
-]
-
 _KEY_DIGITS = 8
 _VALUE_LENGTH = 48
 

@@ -9,8 +9,6 @@ from harness.core.records import Record
 from reports.regression.baseline import Baseline, Tolerance, default_tolerance, numbers_of
 from reports.regression.compare import check_settings
 
-__all__ = ["with_spread"]
-
 #: How many times the largest difference between runs a number may move.
 _SPREADS = 2.0
 

@@ -23,8 +23,6 @@ from reports.tables.selection import (
 )
 from reports.tables.table import Cell, Column, Row, Table, with_common_means
 
-__all__ = ["seeds_table"]
-
 _SEEDS = Column("seeds", "Seeds", "Seeds", "", 0, ranked=False)
 
 

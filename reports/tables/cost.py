@@ -11,8 +11,6 @@ from reports.published import PUBLISHED
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Stage, Table, mean_cell
 
-__all__ = ["COST_COLUMNS", "cost_table"]
-
 #: Time is a mean over subjects; a peak is the highest of any subject, for it must fit the machine.
 COST_COLUMNS = (
     Column("wall_s", "Time", "Time", "s", 1, ranked=False),

@@ -10,8 +10,6 @@ from harness.core.records import Record
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["frame"]
-
 
 def frame(records: Sequence[Record]) -> pd.DataFrame:
     """One row per method and subject, one column per metric; NaN where there is no number.

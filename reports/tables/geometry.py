@@ -20,8 +20,6 @@ from reports.tables.table import (
     with_common_means,
 )
 
-__all__ = ["GEOMETRY_METRICS", "geometry_table", "metric_column", "metric_value"]
-
 #: Metric ids of the paper's geometry table, in its order.
 GEOMETRY_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
 

@@ -14,8 +14,6 @@ from reports.tables.geometry import metric_column
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Interval, Row, Table, subject_cell, with_common_means
 
-__all__ = ["BODY_METRICS", "jmbo_table"]
-
 #: Metric ids in the order of the paper's table, then ours.
 BODY_METRICS = (
     "silhouette_loss",

@@ -16,8 +16,6 @@ from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 
-__all__ = ["Headline", "headline", "normals_table"]
-
 
 @dataclass(frozen=True, slots=True, order=True)
 class _PhotoSide:

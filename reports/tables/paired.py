@@ -23,8 +23,6 @@ from reports.tables.geometry import GEOMETRY_METRICS, metric_column, metric_valu
 from reports.tables.selection import Group, Selection, check_comparable, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 
-__all__ = ["LEVEL", "change_table", "paired_table"]
-
 #: A difference with a p-value above this may be chance.
 LEVEL = 0.05
 _NOT_PRINTED = (

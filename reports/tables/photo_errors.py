@@ -21,8 +21,6 @@ from reports.tables.photos import FIGURES, Figure
 from reports.tables.selection import select
 from reports.tables.table import Cell, Column, Interval, Row, Table
 
-__all__ = ["LEAST_RANKED", "photo_errors_table", "rank_correlation"]
-
 #: Fewer values than these are not ranked.
 LEAST_RANKED = 4
 _ERRORS = {"chamfer": "Chamfer", "normal_error": "Normal"}

@@ -10,8 +10,6 @@ from harness.core.records import Record
 from reports.tables.selection import Group, select
 from reports.tables.table import Column, Interval, Row, Table, subject_cell
 
-__all__ = ["FIGURES", "Figure", "photos_table"]
-
 _REMARKS = (
     "Silhouette IoU over the views, and of the worst view; PSNR and SSIM of the mesh coloured from "
     "all photos, and of photos that were left out in turn: higher is better",

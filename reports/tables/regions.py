@@ -16,8 +16,6 @@ from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Column, Interval, Row, Table, subject_cell, with_common_means
 
-__all__ = ["LEAST_SHARE", "REGION_GROUPS", "RegionGroup", "regions_table"]
-
 
 @dataclass(frozen=True, slots=True)
 class RegionGroup:

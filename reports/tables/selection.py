@@ -17,8 +17,6 @@ from harness.core.protocols import MethodInfo
 from harness.core.records import ProtocolStamp, Record
 from reports.tables.table import Cell, Row
 
-__all__ = ["Group", "Selection", "check_comparable", "check_one_method", "select"]
-
 _SHOWN_SUBJECTS = 8
 _REASON_LENGTH = 120
 #: A method that is given one of these hands the answer back: a test of the ruler, not a rival.

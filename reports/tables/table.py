@@ -15,20 +15,6 @@ from harness.core.privileges import Privilege
 from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock
 
-__all__ = [
-    "DASH",
-    "Cell",
-    "Column",
-    "Interval",
-    "Row",
-    "Stage",
-    "Table",
-    "footnote_mark",
-    "mean_cell",
-    "subject_cell",
-    "with_common_means",
-]
-
 #: What a cell without a number shows.
 DASH = "–"
 

@@ -10,8 +10,6 @@ from harness.core.units import Unit
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
 from reports.tables.table import Cell, Column, Interval, Row, Table
 
-__all__ = ["ViewPoint", "ViewSeries", "view_series", "views_table"]
-
 _VIEWS = Column("views", "Views", "Views", Unit.none.value, 0, ranked=False)
 
 

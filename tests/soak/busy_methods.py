@@ -10,8 +10,6 @@ from harness.core.artifacts import Capture, Reconstruction
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 
-__all__ = ["spin", "write_package"]
-
 #: Some seconds of one core.
 _ROUNDS = 40_000_000
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)

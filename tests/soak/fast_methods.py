@@ -21,8 +21,6 @@ from harness.core.process.workers import run_worker
 from harness.core.protocols import Context, MethodInfo
 from harness.pipeline.run import evaluate
 
-__all__ = ["write_package"]
-
 _CELL_WORKER = "harness.pipeline.run.cell_worker"
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _FACES = np.array(

@@ -29,8 +29,6 @@ from ray_nodes import Nodes, environment, workers_at_work
 from same_records import left_over, timeless, unequal
 from toy_place import Place
 
-__all__ = ["Plan", "Report", "interrupt"]
-
 _QUIET, _RUN = "quiet", "interrupted"
 _CODE, _LINE = 130, "harness: stopped by SIGINT"
 #: How soon a command has to end, and its tasks.

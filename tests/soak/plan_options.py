@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["plan_parser"]
-
 
 def plan_parser(description: str | None, plan: DataclassInstance) -> argparse.ArgumentParser:
     """A parser with an option for each field, whose default is the plan's."""

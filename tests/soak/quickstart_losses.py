@@ -29,8 +29,6 @@ from plan_options import plan_parser
 from ray_nodes import Nodes, environment
 from same_records import left_over, numbers, timeless
 
-__all__ = ["Plan", "Report", "carry_out", "compare"]
-
 _HERE = Path(__file__).resolve().parent
 _RUN, _DATASET, _RECIPE = "quickstart", "avatars-tiny", "quick8"
 

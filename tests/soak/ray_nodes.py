@@ -10,8 +10,6 @@ from typing import Any
 
 import psutil
 
-__all__ = ["Nodes", "environment", "workers_at_work"]
-
 _MIB = 1 << 20
 #: How often a node is started until one has.
 _STARTS = 6

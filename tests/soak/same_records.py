@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-__all__ = ["left_over", "numbers", "timeless", "unequal"]
-
 #: Fields of a record whose leaves are its results.
 _RESULTS = ("metrics", "regions", "normal_maps", "diagnostics")
 

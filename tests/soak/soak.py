@@ -32,8 +32,6 @@ from same_records import left_over, timeless, unequal
 from toy_place import Place
 from two_nodes import compare_nodes
 
-__all__ = ["Place", "Plan", "Report", "soak", "timeless"]
-
 _MIB = 1 << 20
 _QUIET, _SOAK = "quiet", "soak"
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-__all__ = ["SUBJECTS", "Place"]
-
 _HERE = Path(__file__).resolve().parent
 SUBJECTS = ("t1", "t2")
 

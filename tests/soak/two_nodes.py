@@ -19,8 +19,6 @@ from ray_nodes import Nodes, environment
 from same_records import left_over, unequal
 from toy_place import Place
 
-__all__ = ["Comparison", "compare_nodes"]
-
 _SPIN = "import sys; sys.path[:0] = [{folder!r}]; import busy_methods; busy_methods.spin()"
 #: More than this and the aim is missed.
 _MOST = 0.65

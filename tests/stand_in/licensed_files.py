@@ -22,8 +22,6 @@ from methods.normals.econ.network import NormalGenerator
 from methods.normals.econ.part import FILES
 from methods.parts.onnx_export import bare, shapes_of
 
-__all__ = ["FULL_WIDTH", "write_all", "write_ifnet", "write_normals", "write_pixie", "write_smplx"]
-
 Numbers = dict[str, NDArray[np.float32]]
 _SEED = 0
 #: Channels of ECON's normal networks at full resolution.

@@ -16,8 +16,6 @@ from PIL import Image
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 
-__all__ = ["FITS", "SCANS", "fit_bytes", "write_subject"]
-
 #: The folders that the two archives of version 2.1 unpack to, side by side.
 SCANS, FITS = "THuman2.1_Release_", "THuman2.1_Release Smpl-X Paras_new"
 _MATERIAL = """\

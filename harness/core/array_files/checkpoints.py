@@ -22,8 +22,6 @@ from harness.core.array_files.tensor_list import STORAGES, StoredTensor, read_te
 from harness.core.errors import DataError
 from harness.core.files.names import is_name
 
-__all__ = ["Checkpoint"]
-
 #: PIXIE's, the longest list of tensors that is known, takes half a MiB.
 _MOST_PICKLE_BYTES = 8 * 2**20
 _MOST_DIRECTORY_BYTES = 4 * 2**20

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 
-__all__ = ["MOST_NPZ_BYTES", "read_array_npz", "read_required_arrays", "write_npz"]
-
 #: Largest total size of the wanted arrays of one file; those of SMPL-X take 230 MiB.
 MOST_NPZ_BYTES = 768 * 2**20
 #: Real arrays compress less than this; arrays of mostly zeros are small enough to be allowed.

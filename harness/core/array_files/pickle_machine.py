@@ -14,8 +14,6 @@ from typing import BinaryIO, Protocol, cast
 
 import numpy as np
 
-__all__ = ["MOST_STEPS", "Objects", "Refused", "run_pickle"]
-
 #: Arrays take some ten instructions each; each instruction holds at most a few hundred bytes.
 MOST_STEPS = 200_000
 _MOST_DIGITS = 40

@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 from harness.core.array_files.pickle_machine import Refused, run_pickle
 from harness.core.errors import DataError
 
-__all__ = ["MOST_PICKLE_BYTES", "read_array_pickle"]
-
 #: The largest known file, SMPL-X as text, takes 520 MiB.
 MOST_PICKLE_BYTES = 640 * 2**20
 #: How much larger than the file its text and lists may become.

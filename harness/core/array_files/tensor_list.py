@@ -14,8 +14,6 @@ from typing import cast
 
 from harness.core.array_files.pickle_machine import MOST_STEPS, Refused, run_pickle
 
-__all__ = ["STORAGES", "StoredTensor", "read_tensor_list"]
-
 #: numpy's code of each kind of memory; bfloat16 is the upper half of a float32.
 STORAGES = {
     "FloatStorage": "<f4",

@@ -16,9 +16,6 @@ from numpy.typing import ArrayLike
 from harness.core.arrays import Floats
 from harness.core.errors import DataError
 
-__all__ = ["Camera", "look_at", "rigid_inverse"]
-
-
 _ROTATION_TOLERANCE = 1e-5
 
 

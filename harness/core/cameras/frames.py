@@ -21,22 +21,6 @@ from harness.core.cameras.camera import Camera, rigid_inverse
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json, write_text
 
-__all__ = [
-    "ANNY_TO_WORLD",
-    "BLENDER_TO_WORLD",
-    "OPENCV_TO_BLENDER_CAMERA",
-    "camera_from_blender",
-    "camera_to_blender",
-    "quaternion_from_rotation",
-    "read_colmap",
-    "read_published_cameras",
-    "read_transforms_json",
-    "rotation_from_quaternion",
-    "write_colmap",
-    "write_transforms_json",
-]
-
-
 #: (4, 4) from Blender's world (Z up, front -Y) to ours (Y up, front +Z): (x, y, z) is (x, z, -y).
 BLENDER_TO_WORLD: Floats = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 #: (3, 3) from the world of the body model Anny (metres, Z up, front -Y, as Blender's) to ours.

@@ -7,8 +7,6 @@ from typing import ClassVar
 
 from harness.core.errors import DataError
 
-__all__ = ["PhotoFaults"]
-
 
 @dataclass(frozen=True, slots=True)
 class PhotoFaults:

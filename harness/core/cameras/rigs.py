@@ -10,8 +10,6 @@ import numpy as np
 
 from harness.core.cameras.camera import Camera, look_at
 
-__all__ = ["RingRig", "camera_yaw_deg", "focal_length_px", "views_from_front"]
-
 
 def focal_length_px(lens_mm: float, sensor_mm: float, width: int, height: int) -> float:
     """Focal length in pixels of a lens whose sensor is fitted to the image's longer side."""

@@ -18,18 +18,6 @@ from typing import Any, TypeGuard
 from harness.core.errors import DataError, WriteError
 from harness.core.process.interrupts import require_not_stopped
 
-__all__ = [
-    "atomic_directory",
-    "atomic_path",
-    "exclusive_lock",
-    "read_json",
-    "refuse_constant",
-    "remove_leftovers",
-    "write_json",
-    "write_text",
-    "writing",
-]
-
 _LOCK_POLL_S = 0.05
 #: Errors that only writing can cause; the kernel does not say for which file.
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)

@@ -7,8 +7,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["canonical_json", "content_hash", "derive_seed", "file_sha256"]
-
 _CHUNK_BYTES = 1 << 20
 
 

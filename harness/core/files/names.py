@@ -11,8 +11,6 @@ from pathlib import Path
 
 from harness.core.errors import HarnessError
 
-__all__ = ["NAME_RULE", "checked_name", "is_name", "named_from"]
-
 _MOST_LETTERS = 64
 _NAME = re.compile(rf"(?!.*\.\.)[A-Za-z0-9_][A-Za-z0-9_.+-]{{0,{_MOST_LETTERS - 1}}}")
 

@@ -19,8 +19,6 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.mesh import Mesh
 
-__all__ = ["ColouredMesh", "save_coloured", "write_coloured_glb", "write_coloured_ply"]
-
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942

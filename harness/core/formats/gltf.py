@@ -17,9 +17,6 @@ from harness.core.cameras.frames import rotation_from_quaternion
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
-__all__ = ["read_glb"]
-
-
 _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _POINTS_AND_LINES, _TRIANGLES = range(4), 4

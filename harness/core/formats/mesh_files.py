@@ -11,8 +11,6 @@ from harness.core.formats.plain import read_off, read_stl
 from harness.core.formats.ply import read_ply, write_ply
 from harness.core.mesh import Mesh
 
-__all__ = ["MESH_SUFFIXES", "MOST_MESH_BYTES", "load_mesh", "save_mesh"]
-
 _READERS = {".ply": read_ply, ".glb": read_glb, ".off": read_off, ".stl": read_stl}
 #: File name extensions that ``load_mesh`` reads, in the order in which a folder is searched.
 MESH_SUFFIXES = (".ply", ".obj", ".glb", ".off", ".stl")

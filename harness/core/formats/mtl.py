@@ -8,8 +8,6 @@ from pathlib import Path
 
 from harness.core.errors import DataError
 
-__all__ = ["texture_image"]
-
 _MOST_BYTES = 2**20
 #: Options such as "-s 1 1 1" or "-clamp on" may come before the file name, which is the rest.
 _DIFFUSE_MAP = re.compile(

@@ -17,8 +17,6 @@ from harness.core.files.atomic import atomic_path
 from harness.core.formats.mtl import texture_image
 from harness.core.mesh import Mesh
 
-__all__ = ["read_obj", "write_obj"]
-
 Number = TypeVar("Number", np.float64, np.int64)
 
 _NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
-__all__ = ["read_off", "read_stl"]
-
 _STL_HEADER_BYTES, _MOST_SHOWN = 84, 60
 _STL_FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 

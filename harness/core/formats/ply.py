@@ -15,8 +15,6 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.mesh import Mesh
 
-__all__ = ["read_ply", "write_ply"]
-
 _KINDS = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",

@@ -18,8 +18,6 @@ from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin
 
 from harness.core.errors import DataError
 
-__all__ = ["from_json", "to_json"]
-
 T = TypeVar("T")
 
 _NAMES: Mapping[Any, str] = {str: "text", int: "a whole number", bool: "true or false"}

@@ -7,8 +7,6 @@ from typing import Any, TypeGuard
 
 from harness.core.files.hashing import canonical_json
 
-__all__ = ["differences", "listed_differences"]
-
 _LONGEST = 40
 _SHOWN = 4
 #: Values of these keys are hashes, so only the fact that one changed can be shown.

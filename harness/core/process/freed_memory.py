@@ -6,8 +6,6 @@ import ctypes
 import gc
 import sys
 
-__all__ = ["give_freed_memory_back"]
-
 
 def give_freed_memory_back() -> None:
     """Let the system have what this process has freed but still holds.

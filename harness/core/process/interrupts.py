@@ -16,8 +16,6 @@ from concurrent.futures import ThreadPoolExecutor
 from types import FrameType
 from typing import TypeVar
 
-__all__ = ["Interrupted", "in_threads", "require_not_stopped", "stopped_by_signals"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

@@ -21,8 +21,6 @@ from pathlib import Path
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import read_json, write_json
 
-__all__ = ["ModuleSource", "module_source"]
-
 _DIGITS = 16
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 

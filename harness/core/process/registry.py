@@ -8,8 +8,6 @@ from typing import Any
 
 from harness.core.errors import HarnessError, MissingPart, did_you_mean
 
-__all__ = ["Registry"]
-
 
 class Registry:
     """Lazy ``"module:object"`` targets by name, open to third parties by entry points.

@@ -12,8 +12,6 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from numpy.typing import NDArray
 
-__all__ = ["Sharing", "Work", "alone"]
-
 T = TypeVar("T")
 
 

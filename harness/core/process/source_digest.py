@@ -23,8 +23,6 @@ from pathlib import Path
 from harness.core.errors import HarnessError
 from harness.core.process.module_source import ModuleSource, module_source
 
-__all__ = ["OUR_PACKAGES", "SourceDigest", "SourceTree"]
-
 #: The packages that live beside each other in this distribution.
 OUR_PACKAGES = ("harness", "renderers", "methods", "metrics", "reports")
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-__all__ = ["StepReport", "silent"]
-
 #: Called with (steps done, steps in all) after each step of one piece of work.
 StepReport = Callable[[int, int], None]
 

@@ -8,8 +8,6 @@ from typing import TypeVar
 
 from harness.core.process.interrupts import in_threads
 
-__all__ = ["on_all_cores"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

@@ -26,8 +26,6 @@ from harness.core.files.atomic import read_json, write_json
 from harness.core.process.interrupts import require_not_stopped
 from harness.core.process.steps import StepReport
 
-__all__ = ["WorkerDied", "ending", "run_worker", "worker_main"]
-
 _TAIL_LINES = 15
 _POLL_S = 0.05
 _PARENT_POLL_S = 0.5

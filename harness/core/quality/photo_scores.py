@@ -13,8 +13,6 @@ from typing import TypeVar
 
 from harness.core.results import AngularErrors
 
-__all__ = ["Likeness", "MapAgreement", "PhotoScores", "Soundness", "ViewScore"]
-
 T = TypeVar("T")
 
 

@@ -12,8 +12,6 @@ from harness.core.arrays import AnyInts, Bytes, Floats
 from harness.core.errors import DataError
 from harness.geometry.images import MOST_PIXELS, linear_from_srgb, srgb_from_linear
 
-__all__ = ["Paint", "joined", "paint_of_corners"]
-
 _LONGEST_SIDE = 16384
 #: A face's corners may lie this far beyond its picture and still not repeat it.
 _SLACK = 1e-4

@@ -17,8 +17,6 @@ from harness.data.adding.named_files import material_files, picture_files
 from harness.data.adding.painted import Painted, read_painted
 from harness.geometry.images import save_png
 
-__all__ = ["UPS", "Conversion", "convert_scan", "is_converted"]
-
 #: Rows of the rotation that turns an axis of the file up, by quarter turns about X where they
 #: do. +z is how Blender has it, whose -Y becomes +Z.
 UPS: dict[str, Floats] = {

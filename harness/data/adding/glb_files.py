@@ -15,8 +15,6 @@ from typing import Any
 from harness.core.errors import DataError
 from harness.geometry.images import MOST_PIXELS
 
-__all__ = ["COLOURS", "glb_for_trimesh"]
-
 #: The attribute in which vertex colours arrive: linear light, floats or whole numbers.
 COLOURS = "_HARNESS_COLOUR"
 _HEAD = struct.Struct("<4sII")

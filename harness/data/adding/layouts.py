@@ -11,8 +11,6 @@ from pathlib import Path
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.names import NAME_RULE, is_name
 
-__all__ = ["FoundFolder", "Layout", "find_layout"]
-
 #: Formats of which colours can be read.
 _SUFFIXES = (".obj", ".ply", ".glb")
 #: Beside the fits of THuman lies the body of the fit, which is no scan.

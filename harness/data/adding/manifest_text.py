@@ -15,8 +15,6 @@ import yaml
 from harness.core.errors import DataError, HarnessError
 from harness.data.manifest import Dataset
 
-__all__ = ["MARK", "check_addable", "with_dataset"]
-
 #: Stands behind the name of an entry that was written by a command.
 MARK = "# written by 'harness data add'"
 _WIDTH = 110

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from harness.core.errors import DataError
 
-__all__ = ["has_one_picture", "maps_with_options", "material_files", "picture_files"]
-
 _MTLLIB = re.compile(rb"^mtllib[ \t]+(.*\S)", re.MULTILINE)
 _MATERIAL = re.compile(r"^\s*newmtl\s", re.IGNORECASE | re.MULTILINE)
 _MAP = re.compile(r"^\s*map_kd\s+(.*\S)", re.IGNORECASE | re.MULTILINE)

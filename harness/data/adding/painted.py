@@ -23,8 +23,6 @@ from harness.data.adding.glb_files import COLOURS, glb_for_trimesh
 from harness.data.adding.named_files import has_one_picture, maps_with_options, picture_files
 from harness.geometry.images import check_picture, linear_from_srgb, load_rgb, srgb_from_linear
 
-__all__ = ["Painted", "read_painted"]
-
 _GREY = 160
 _PLAIN = "plain colours"
 _PLY_WIDE = re.compile(rb"^property (?:u?short|u?int\d*|u?int16|double) red\s", re.MULTILINE)

@@ -25,8 +25,6 @@ from harness.core.files.atomic import atomic_path
 from harness.data.captures.lens import Lens
 from harness.data.captures.views import ForeignCameras, ForeignView
 
-__all__ = ["read_colmap_binary", "read_colmap_text", "write_colmap_binary"]
-
 _MOST_BYTES = 4 * 2**30
 _POINT_BYTES = 24
 

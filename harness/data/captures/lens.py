@@ -13,8 +13,6 @@ import numpy as np
 from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
 
-__all__ = ["Lens", "undistortion_map"]
-
 #: Distances to the axis at which the polynomial is looked at for where it folds back.
 _STEPS = 2000
 

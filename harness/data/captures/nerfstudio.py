@@ -15,8 +15,6 @@ from harness.core.files.atomic import read_json
 from harness.data.captures.lens import Lens
 from harness.data.captures.views import ForeignCameras, ForeignView
 
-__all__ = ["read_nerfstudio"]
-
 _ORDINARY = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = ("OPENCV_FISHEYE",)
 

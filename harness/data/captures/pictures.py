@@ -23,18 +23,6 @@ from harness.geometry.images import MOST_PIXELS, resampled
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-__all__ = [
-    "PICTURE_SUFFIXES",
-    "PictureFacts",
-    "TakenPhoto",
-    "find_mask",
-    "find_photo",
-    "find_photos",
-    "photo_folder",
-    "picture_facts",
-    "read_photo",
-]
-
 Result = TypeVar("Result")
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")

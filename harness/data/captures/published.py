@@ -18,8 +18,6 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import write_text
 from harness.data.captures.views import ForeignCameras, ForeignView
 
-__all__ = ["read_published", "write_published"]
-
 #: From OpenCV's camera axes to the file's: x left, y up, z forward.
 _LEFT_UP_FORWARD = np.diag([-1.0, -1.0, 1.0, 1.0])
 

@@ -13,8 +13,6 @@ from harness.data.captures.nerfstudio import read_nerfstudio
 from harness.data.captures.published import read_published
 from harness.data.captures.views import ForeignCameras, ForeignView
 
-__all__ = ["LAYOUTS", "find_cameras", "read_cameras"]
-
 #: What can be read, for messages.
 LAYOUTS = (
     "nerfstudio's transforms.json, a folder with COLMAP's cameras and images (.txt or .bin), "

@@ -8,8 +8,6 @@ from pathlib import Path
 from harness.core.cameras.camera import Camera
 from harness.data.captures.lens import Lens
 
-__all__ = ["ForeignCameras", "ForeignView"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForeignView:

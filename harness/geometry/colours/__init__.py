@@ -6,5 +6,3 @@ what no photo shows, and ``colouring`` joins them.
 """
 
 from harness.geometry.colours.colouring import coloured
-
-__all__ = ["coloured"]

@@ -23,8 +23,6 @@ from harness.geometry.images import srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
 
-__all__ = ["Colouring", "coloured"]
-
 #: The power of a photo's worth in the blend: high takes the best, low the mean.
 _SHARPNESS = 6.0
 #: How far a photo's light may be from the others', as a logarithm, before it is doubted.

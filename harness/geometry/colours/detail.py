@@ -8,8 +8,6 @@ from harness.core.arrays import AnyInts, Floats
 from harness.core.mesh import Mesh
 from harness.geometry.topology import edges_of
 
-__all__ = ["finer"]
-
 _NEAREST = float(np.sqrt(2.0))
 
 

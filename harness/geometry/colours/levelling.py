@@ -10,8 +10,6 @@ from harness.core.arrays import Floats, Ints, Singles
 from harness.geometry.colours.sights import Sight
 from harness.geometry.colours.smoothing import SurfaceGraph
 
-__all__ = ["blended", "corrections", "gains"]
-
 #: Places that two photos must share before they say anything of each other's exposure.
 _LEAST_SHARED = 30
 #: So many of them are compared.

@@ -14,8 +14,6 @@ from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.texture import linear_texture
 
-__all__ = ["DARK", "Sight", "linear_light", "log_light", "sight_of"]
-
 #: Added to linear light before its logarithm: the noise of dark pixels tells nothing.
 DARK = 0.01
 

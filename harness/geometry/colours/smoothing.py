@@ -12,8 +12,6 @@ from harness.core.mesh import Mesh
 from harness.geometry.surface import merged_positions, vertex_normals
 from harness.geometry.topology import components, edges_of
 
-__all__ = ["SurfaceGraph"]
-
 #: Vertices are put together in cells of this share of the wanted width.
 _CELL_SHARE = 1.0 / 3.0
 

@@ -22,8 +22,6 @@ from harness.pipeline.adding.request import UNSTATED_LICENCE, Added, AddRequest,
 from harness.pipeline.adding.rules import Rules, rules_of
 from harness.pipeline.progress import Progress
 
-__all__ = ["add_dataset"]
-
 #: A person whose height is less than this share of the longest side probably lies.
 _LYING = 0.6
 

@@ -12,8 +12,6 @@ from harness.core.files.atomic import atomic_directory, remove_leftovers, write_
 from harness.pipeline.adding.request import AddRequest
 from harness.pipeline.inputs.imported import IMPORTED, imported_state
 
-__all__ = ["copied_capture"]
-
 #: The same cameras for other programs; written with every capture.
 _CAMERAS = "transforms.json"
 

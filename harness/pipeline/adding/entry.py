@@ -10,8 +10,6 @@ from harness.core.files.atomic import atomic_path, exclusive_lock
 from harness.data.adding.manifest_text import check_addable, with_dataset
 from harness.data.manifest import Dataset, Manifest, installed_manifest_path, load_manifest
 
-__all__ = ["check_name", "manifest_to_write", "write_entry"]
-
 
 def manifest_to_write(named: Path | None) -> Path:
     """The named manifest, the one of ``HARNESS_MANIFEST``, or that of the current folder.

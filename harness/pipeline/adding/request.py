@@ -7,8 +7,6 @@ from pathlib import Path
 
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["UNSTATED_LICENCE", "AddRequest", "Added", "CheckedSubject"]
-
 #: Not a licence that lets anybody pass data on, so that pages refuse to show scans under it.
 UNSTATED_LICENCE = "not stated: pass on no scans, photos or meshes"
 

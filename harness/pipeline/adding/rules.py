@@ -18,8 +18,6 @@ from harness.data.adding.layouts import FoundFolder, Layout
 from harness.data.thuman_trees import find_thuman
 from harness.pipeline.adding.request import AddRequest
 
-__all__ = ["Rules", "rules_of"]
-
 #: Metres of the units that a file may be in.
 _METRES = {"metres": 1.0, "cm": 0.01, "mm": 0.001}
 _HEIGHT = re.compile(r"height=(\d+(?:\.\d+)?)")

@@ -18,8 +18,6 @@ from harness.pipeline.board.standing import last_version, means, proven
 from reports.tables.geometry import GEOMETRY_METRICS
 from reports.tables.selection import check_comparable
 
-__all__ = ["EntryChange", "changed_entries", "changes_markdown", "compare_boards"]
-
 
 @dataclass(frozen=True, slots=True)
 class EntryChange:

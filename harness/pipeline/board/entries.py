@@ -13,8 +13,6 @@ from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.names import checked_name, is_name
 from harness.core.records import Record
 
-__all__ = ["Entry", "entries_in"]
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:

@@ -15,8 +15,6 @@ from harness.pipeline.board.entries import Entry
 from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["export_results", "withheld"]
-
 
 def withheld(records: Sequence[Record], manifest: Manifest) -> dict[str, str]:
     """Methods whose meshes are scans that may not be passed on, with the licence, by name."""

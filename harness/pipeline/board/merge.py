@@ -12,8 +12,6 @@ from harness.pipeline.board.entries import Entry
 from harness.pipeline.board.standing import last_version, means, proven
 from harness.pipeline.board.verify import Verification
 
-__all__ = ["MergedEntry", "merge_entry"]
-
 
 @dataclass(frozen=True, slots=True)
 class MergedEntry:

@@ -24,8 +24,6 @@ from reports.tables.regions import regions_table
 from reports.tables.selection import check_comparable
 from reports.tables.table import Table
 
-__all__ = ["write_board_page"]
-
 #: Fewer subjects tell next to nothing of their spread.
 _LEAST_FOR_INTERVALS = 4
 _TABLES: tuple[Callable[..., Table], ...] = (geometry_table, regions_table, cost_table)

@@ -10,8 +10,6 @@ from datetime import UTC, datetime, timedelta
 from harness.core.records import Record
 from harness.core.results import MetricValue, RegionErrors, Scores
 
-__all__ = ["date_faults", "differences"]
-
 #: The same mesh gives the same numbers; machines differ by their last digits.
 _RELATIVE, _ABSOLUTE = 1e-4, 1e-3
 #: A point between two regions may fall into either.

@@ -16,8 +16,6 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import refuse_constant, write_text
 from harness.core.records import Record
 
-__all__ = ["read_record_file", "write_record_file"]
-
 _REMAKE = "Write it with 'harness results records FILE --run NAME'"
 
 

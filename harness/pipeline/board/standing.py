@@ -9,8 +9,6 @@ from harness.core.files.names import is_name
 from harness.pipeline.board.entries import Entry
 from reports.tables.geometry import GEOMETRY_METRICS
 
-__all__ = ["last_version", "made_utc", "means", "proven", "versions"]
-
 
 def versions(board: Entry) -> tuple[Entry, ...]:
     """All versions of an entry's method on its board, the one that was made last at the end."""

@@ -25,8 +25,6 @@ from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.scoring.meshes import mesh_scores
 from reports.tables.selection import check_comparable, check_one_method
 
-__all__ = ["NO_RECORD", "Finding", "Truths", "Verification", "verify_entry"]
-
 _TASK = "meshes scored again"
 #: What is said of a subject that is not there.
 NO_RECORD = "no record"

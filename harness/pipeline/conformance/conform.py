@@ -39,8 +39,6 @@ from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import method_code
 from harness.pipeline.seeds import is_deterministic
 
-__all__ = ["ConformRequest", "conform"]
-
 _WORKER = "harness.pipeline.conformance.trial_worker"
 _TRIALS = "trials"
 #: Surfaces this near everywhere are the same: the order of floating-point sums may differ.

@@ -19,8 +19,6 @@ from harness.geometry.surface import merged_positions
 from harness.geometry.topology import open_edges
 from harness.pipeline.conformance.verdict import Answer, Check
 
-__all__ = ["frame_checks"]
-
 _POINTS = 1500
 #: A reconstruction is somewhat larger or smaller than the subject, and not by a unit.
 _SIZES = (0.7, 1.4)

@@ -8,8 +8,6 @@ import signal
 import time
 from pathlib import Path
 
-__all__ = ["MARK", "ended", "left_behind"]
-
 #: An environment variable that a trial's worker starts with, by which its processes are found:
 #: what it forks has it too, also before it runs another program.
 MARK = "CONFORM_TRIAL"

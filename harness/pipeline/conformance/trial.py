@@ -10,8 +10,6 @@ from typing import Any
 from harness.core.formats.typed_json import from_json, to_json
 from harness.pipeline.inputs.sources import Source
 
-__all__ = ["Trial", "TrialResult"]
-
 
 @dataclass(frozen=True, slots=True)
 class Trial:

@@ -24,8 +24,6 @@ from harness.pipeline.run.cell import lent_to
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.work.cost import StageMeter
 
-__all__ = ["handle"]
-
 
 def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noqa: ARG001
     """Reconstruct; a ``TrialResult`` with the method's own failures in it.

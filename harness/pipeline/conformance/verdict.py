@@ -11,8 +11,6 @@ from harness.core.files.atomic import write_json
 from harness.core.formats.typed_json import to_json
 from harness.core.records import Environment
 
-__all__ = ["CHECKS", "Answer", "Certificate", "Check"]
-
 _SCHEMA = 1
 
 Answer = Literal["yes", "no", "not asked"]

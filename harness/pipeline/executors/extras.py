@@ -8,8 +8,6 @@ from types import ModuleType
 
 from harness.core.errors import MissingPart
 
-__all__ = ["extra_package"]
-
 
 def extra_package(package: str, version: str, purpose: str) -> ModuleType:
     """A package of an extra, imported now: it takes a second, and most runs do without.

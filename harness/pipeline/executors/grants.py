@@ -12,8 +12,6 @@ from pathlib import Path
 
 from harness.core.errors import HarnessError
 
-__all__ = ["Grant", "granted"]
-
 #: How many threads numeric libraries start; each reads its own.
 _THREADS = (
     "OMP_NUM_THREADS",

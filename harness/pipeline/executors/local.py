@@ -12,8 +12,6 @@ from harness.core.process.interrupts import in_threads
 from harness.pipeline.executors.task import Answer, Task, groups, handler_of
 from harness.pipeline.progress import Progress
 
-__all__ = ["Local"]
-
 
 @dataclass(frozen=True, slots=True)
 class Local:

@@ -16,8 +16,6 @@ from harness.core.files.atomic import read_json, write_json
 from harness.core.formats.typed_json import from_json
 from harness.core.process.interrupts import require_not_stopped
 
-__all__ = ["LockProbe", "Mount", "host_local_locks", "mount_of", "probe_locks"]
-
 _MOUNTS = Path("/proc/self/mounts")
 _OCTAL = re.compile(r"\\([0-7]{3})")
 #: Kinds of network file systems, and options with which their locks stay on one machine.

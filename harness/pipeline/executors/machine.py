@@ -8,8 +8,6 @@ import subprocess
 from dataclasses import dataclass
 from functools import cache
 
-__all__ = ["MachineFacts", "machine_facts"]
-
 _TIMEOUT_S = 30
 
 

@@ -14,8 +14,6 @@ from harness.pipeline.executors.grants import granted
 from harness.pipeline.executors.task import Answer, Task, handler_of
 from harness.pipeline.progress import Silent
 
-__all__ = ["carry_out_here", "travelling"]
-
 _OURS = "HARNESS_"
 
 

@@ -24,8 +24,6 @@ from harness.pipeline.executors.on_a_machine import carry_out_here, travelling
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.progress import Progress
 
-__all__ = ["BLENDER", "RAY_VERSION", "RayCluster"]
-
 RAY_VERSION = "2.60.0"
 #: A resource that clusters may have, so that not too many renderings are on one machine at once.
 BLENDER = "blender"

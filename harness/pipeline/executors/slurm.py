@@ -26,8 +26,6 @@ from harness.pipeline.executors.on_a_machine import carry_out_here, travelling
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.progress import Progress
 
-__all__ = ["SUBMITIT_VERSION", "Slurm", "carry_out_element"]
-
 SUBMITIT_VERSION = "1.5.4"
 #: Below the 1001 that Slurm's MaxArraySize is unless somebody changed it.
 _MOST_ELEMENTS = 1000

@@ -10,8 +10,6 @@ from typing import Any, Protocol
 from harness.core.formats.typed_json import from_json, to_json
 from harness.pipeline.progress import Progress
 
-__all__ = ["Answer", "Executor", "Handler", "Task", "groups", "handler_of"]
-
 #: Does a task: from its values and the answer of the task before it to its own answer.
 Handler = Callable[[Mapping[str, Any], Mapping[str, Any] | None, Progress], Mapping[str, object]]
 

@@ -17,8 +17,6 @@ from methods.catalog import METHODS
 from methods.foreign.command_method import CommandMethod
 from methods.foreign.method_file import METHOD_FILE, read_method
 
-__all__ = ["ADDED_FILE", "ADDED_MODULE", "AddedMethods"]
-
 ADDED_FILE = "added_methods.json"
 #: In which all of them are; what differs between them are their parts.
 ADDED_MODULE = CommandMethod.__module__

@@ -29,8 +29,6 @@ from harness.geometry.raycast import Raycaster
 from harness.pipeline.importing.world import FileToWorld, up_of_cameras
 from methods.hull import HullSettings, VisualHull
 
-__all__ = ["Agreement", "OtherReading", "hull_agreement", "other_reading"]
-
 #: Silhouettes are compared on pictures of at most this many pixels along the longer side.
 _COMPARED_PX = 640
 _TRIED_PX = 160

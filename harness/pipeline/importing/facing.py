@@ -10,8 +10,6 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from methods.body.photos.detection import Detections, detect
 
-__all__ = ["Stance", "stance_of"]
-
 #: Landmarks of MediaPipe's body: pairs of left and right at shoulders and hips; the head's.
 _LEFT, _RIGHT, _HEAD = [11, 23], [12, 24], [0, 7, 8]
 #: So many photos are enough to tell.

@@ -9,8 +9,6 @@ from harness.core.process.workers import worker_main
 from harness.pipeline.importing.importing import import_photos
 from harness.pipeline.importing.request import ImportRequest
 
-__all__ = ["handle"]
-
 
 def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
     """Import; the answer of ``Imported.to_dict``."""

@@ -21,8 +21,6 @@ from harness.pipeline.importing.placing import Placed, check_scale, found_up, pl
 from harness.pipeline.importing.request import Imported, ImportRequest
 from harness.pipeline.importing.taking import TakenViews, take_photos
 
-__all__ = ["import_photos"]
-
 _LEAST_PX = 64
 
 

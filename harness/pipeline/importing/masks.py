@@ -20,8 +20,6 @@ from harness.core.arrays import Bytes, Floats
 from methods.masks.network import imported_network
 from methods.parts.mediapipe_solutions import solutions, titled
 
-__all__ = ["MaskMaker", "by_mediapipe", "mask_maker", "shows_others"]
-
 #: Radius of the filter's window as a share of the photo's height, and what it takes for flat, in
 #: squared colours of 0 to 1: a step of 0.01.
 _RADIUS, _FLAT = 1 / 120, 1e-4

@@ -11,8 +11,6 @@ from harness.core.errors import DataError
 from harness.data.captures.pictures import find_mask, find_photo, find_photos
 from harness.data.captures.views import ForeignCameras, ForeignView
 
-__all__ = ["MatchedPhoto", "MatchedPhotos", "matched_photos"]
-
 #: More photos than this are not used: methods were not tried with more.
 MOST_VIEWS = 64
 

@@ -26,8 +26,6 @@ from harness.pipeline.importing.request import (
 from harness.pipeline.importing.taking import TakenView
 from harness.pipeline.importing.world import FileToWorld, parsed_axis, up_of_cameras
 
-__all__ = ["Placed", "check_scale", "found_up", "placed"]
-
 #: Exact masks and cameras of generated people agree to 0.994 and more, mirrored photos of them to
 #: 0.85 to 0.91. Below the first, other readings of the cameras are tried; below the second, masks
 #: and cameras are told to agree badly; below the third they are refused.

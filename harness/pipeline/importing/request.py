@@ -9,8 +9,6 @@ from pathlib import Path
 from harness.core.errors import HarnessError
 from harness.core.formats.typed_json import from_json, to_json
 
-__all__ = ["AUTO", "ORIGINS", "POSSIBLE_HEIGHT_M", "ImportRequest", "Imported", "check_height"]
-
 #: What the cameras, the photos or a stated prior decide.
 AUTO = "auto"
 #: Where the origin may go.

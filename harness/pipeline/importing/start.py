@@ -9,8 +9,6 @@ from harness.data.captures.reading import read_cameras
 from harness.pipeline.importing.request import Imported, ImportRequest
 from harness.pipeline.progress import Progress, counted
 
-__all__ = ["import_capture"]
-
 _WORKER = "harness.pipeline.importing.import_worker"
 _PHOTOS = "photos"
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from harness.core.arrays import Bytes, Floats, Ints32, Mask
 
-__all__ = ["OnePerson", "cut_sides", "one_person"]
-
 #: Pieces of a mask with more than this share of the largest one's pixels may be another person;
 #: smaller ones are strands of hair, or a hand that a bag parts from the rest.
 _OTHER_PERSON = 0.15

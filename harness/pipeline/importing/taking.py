@@ -23,8 +23,6 @@ from harness.pipeline.importing.matching import MatchedPhoto
 from harness.pipeline.importing.subject import cut_sides, one_person
 from harness.pipeline.importing.world import quarters_upright
 
-__all__ = ["TakenView", "TakenViews", "take_photos"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TakenView:

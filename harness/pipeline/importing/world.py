@@ -12,8 +12,6 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from harness.core.errors import HarnessError
 
-__all__ = ["FileToWorld", "parsed_axis", "quarters_upright", "unit", "up_of_cameras"]
-
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _AXIS = re.compile(r"([+-]?)([xyz])")
 #: Horizontal axes of cameras that differ less than this in direction do not span a plane: the ratio

@@ -10,8 +10,6 @@ from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.pipeline.inputs.sources import Source
 
-__all__ = ["CaptureJob", "handle"]
-
 
 @dataclass(frozen=True, slots=True)
 class CaptureJob:

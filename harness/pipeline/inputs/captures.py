@@ -20,17 +20,6 @@ from harness.pipeline.inputs.sealed import Look, admit, announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress, Silent, counted
 
-__all__ = [
-    "PHOTOS",
-    "CaptureOutcome",
-    "make_avatars",
-    "photograph",
-    "photos_of",
-    "render_all",
-    "require_avatars",
-    "show_avatar",
-]
-
 #: Name of the progress bar that counts views.
 PHOTOS = "photos"
 _WORKER = "harness.pipeline.inputs.capture_worker"

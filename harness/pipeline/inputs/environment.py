@@ -14,8 +14,6 @@ from pathlib import Path
 import harness
 from harness.core.records import Environment
 
-__all__ = ["SEALED_LOG", "checkout", "environment", "utc_now"]
-
 SEALED_LOG = "docs/sealed.md"
 """Where a checkout logs looks at sealed data; a new line in it changes no number."""
 

@@ -10,9 +10,6 @@ from harness.core.errors import DataError, did_you_mean
 from harness.core.files.names import checked_name
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["CAPTURES", "IMPORTED", "captures_below", "imported_capture", "imported_state",
-           "imported_subjects", "name_for"]  # fmt: skip
-
 #: The dataset that imported captures are in, and what stands in the place of their recipe.
 CAPTURES, IMPORTED = "captures", "imported"
 

@@ -12,8 +12,6 @@ from harness.data.subjects import check_files
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["Tree", "check_tree", "overview"]
-
 
 def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, str]]:
     """One line for every dataset, split, recipe and protocol, by kind and name."""

@@ -12,8 +12,6 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster, Side
 
-__all__ = ["OracleNormals"]
-
 
 class OracleNormals:
     """Renders normals of the scan on request, and of no view but the method's own.

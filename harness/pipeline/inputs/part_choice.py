@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.protocols import MethodInfo
 
-__all__ = ["OPEN", "PartChoice", "parsed_parts"]
-
 OPEN, PAPER = "open", "paper"
 
 

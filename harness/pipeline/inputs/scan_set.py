@@ -11,8 +11,6 @@ from harness.data.manifest import Dataset, Manifest
 from harness.data.subjects import load_subject
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["ScanSet"]
-
 
 @dataclass(frozen=True, slots=True)
 class ScanSet:

@@ -17,8 +17,6 @@ from harness.pipeline.inputs.environment import SEALED_LOG, checkout, environmen
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress
 
-__all__ = ["Look", "admit", "announce", "log_path", "refuse"]
-
 _COLUMNS = ("Date (UTC)", "Commit", "What", "Reason", "Methods", "Recipe", "Subjects")
 _HEAD = f"""\
 # Looks at sealed data

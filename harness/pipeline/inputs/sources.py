@@ -24,8 +24,6 @@ from harness.pipeline.inputs.truth.fitted import with_fitted_body
 from harness.pipeline.inputs.workspace import Workspace
 from renderers.capture import CaptureInputs, capture
 
-__all__ = ["Source"]
-
 
 @dataclass(frozen=True, slots=True)
 class Source:

@@ -19,8 +19,6 @@ from harness.core.errors import MethodError
 from harness.core.protocols import RING, MethodInfo
 from harness.pipeline.inputs.imported import IMPORTED
 
-__all__ = ["ChosenViews", "views_for"]
-
 #: A photo further than this from the place of its view is told.
 _FAR_DEG = 30.0
 _MORE = {True: "Import more photos", False: "Name a --recipe with more"}

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from harness.core.files.names import checked_name, named_from
 
-__all__ = ["Workspace"]
-
 
 @dataclass(frozen=True, slots=True)
 class Workspace:

@@ -17,8 +17,6 @@ from harness.geometry.images import composite, load_rgba, save_png
 from harness.pipeline.inputs.imported import captures_below, imported_capture
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["FORMATS", "ExportRequest", "export_capture", "named_capture"]
-
 #: What cameras can be written as.
 FORMATS = ("colmap-binary", "colmap-text", "nerfstudio", "published")
 

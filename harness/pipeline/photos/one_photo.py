@@ -25,8 +25,6 @@ from harness.pipeline.importing.matching import MatchedPhoto
 from harness.pipeline.importing.request import Imported, check_height
 from harness.pipeline.importing.taking import TakenView, take_photos
 
-__all__ = ["ASSUMED_HEIGHT_M", "OnePhotoRequest", "assumes_camera", "import_one_photo"]
-
 #: How high a person is taken to be where nothing tells it.
 ASSUMED_HEIGHT_M = 1.7
 

@@ -8,8 +8,6 @@ from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.pipeline.photos.one_photo import OnePhotoRequest, import_one_photo
 
-__all__ = ["handle"]
-
 
 def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noqa: ARG001
     """Import; the answer of ``Imported.to_dict``."""

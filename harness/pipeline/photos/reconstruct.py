@@ -31,14 +31,6 @@ from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import PHOTOS_RUN, RunStore
 
-__all__ = [
-    "Assumptions",
-    "MethodOutcome",
-    "ReconstructRequest",
-    "Reconstructed",
-    "reconstruct",
-]  # fmt: skip
-
 _PHOTO_WORKER = "harness.pipeline.photos.one_photo_worker"
 
 

@@ -27,8 +27,6 @@ from harness.pipeline.run.store import RunStore
 from harness.pipeline.scoring.photos import photo_quality
 from reports.figures.photo_sheet import SheetInput, draw_photo_sheet
 
-__all__ = ["WrittenResult", "write_result"]
-
 
 @dataclass(frozen=True, slots=True)
 class WrittenResult:

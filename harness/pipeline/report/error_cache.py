@@ -20,8 +20,6 @@ from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import RunStore
 from metrics.vertices import VertexErrors, vertex_errors
 
-__all__ = ["MeasuredMesh", "TrueSurface", "measured_mesh"]
-
 _FOLDER = ".vertex-errors"
 #: Grows when ``metrics.vertices`` measures something else.
 _VERSION = 1

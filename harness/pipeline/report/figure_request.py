@@ -17,8 +17,6 @@ from harness.pipeline.report.figures import FIGURES
 from harness.pipeline.report.tables import in_order
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["FigureRequest", "draw_figure"]
-
 
 @dataclass(frozen=True, slots=True)
 class FigureRequest:

@@ -40,8 +40,6 @@ from reports.figures.failures import (
 )
 from reports.figures.shading import ErrorScale
 
-__all__ = ["FIGURES", "bodies", "failures", "overlay", "qualitative"]
-
 #: Errors beyond this share of all vertices take the last colour.
 _SCALE_PERCENTILE = 98.0
 _LEAST_SCALE_MM = 1.0

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from harness.core.protocols import MethodInfo
 
-__all__ = ["markdown_pages", "text_page"]
-
 _WIDTH = 100
 
 

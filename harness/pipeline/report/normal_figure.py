@@ -19,8 +19,6 @@ from metrics.normal_maps import angular_error_map
 from reports.figures.normal_grid import NormalPanels, NormalRow, normal_grid
 from reports.tables.normals import headline
 
-__all__ = ["normals"]
-
 
 def normals(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
     """Normal maps of the first method that has them for all of the source's subjects.

@@ -22,8 +22,6 @@ from reports.page.folder import page_folder
 from reports.page.methods import page_methods
 from reports.page.model import PageModel
 
-__all__ = ["PageRequest", "write_page"]
-
 
 @dataclass(frozen=True, slots=True)
 class PageRequest:

@@ -10,8 +10,6 @@ from harness.data.manifest import Dataset
 from reports.page.model import Fact, PageMethod, PageSubject
 from reports.tables.table import Table
 
-__all__ = ["opening_methods", "page_facts", "page_lead"]
-
 #: Surfaces beside the photo and the truth that a page shows at first.
 _OPENING = 2
 #: Rows that were given part of the answer are not what a reader wants to see first.

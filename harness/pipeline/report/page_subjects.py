@@ -26,8 +26,6 @@ from reports.page.folder import PageFolder
 from reports.page.model import TRUTH, PageScalar, PageSubject, PageSurface, PageView
 from reports.page.photos import photo_camera
 
-__all__ = ["SubjectWriter"]
-
 #: Distances are kept to 0.05 mm, angles to a degree: finer than any colour.
 _DISTANCE_STEP_MM, _ANGLE_STEP_DEG = 0.05, 1.0
 _LIMITS_MM = (5.0, 10.0, 20.0, 50.0, 100.0)

@@ -26,8 +26,6 @@ from harness.pipeline.run.result_files import MESH_FILE, NORMALS_FILE, load_norm
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.scoring.photos import photo_quality, photo_scoring_code
 
-__all__ = ["PHOTOS_FILE", "PhotoFigures", "PhotoFiles"]
-
 PHOTOS_FILE = "photos.json"
 _SCHEMA = 1
 _TASK = "compared"

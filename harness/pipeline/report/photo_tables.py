@@ -24,8 +24,6 @@ from reports.statistics import bootstrap_ends
 from reports.tables.photo_errors import photo_errors_table
 from reports.tables.photos import photos_table
 
-__all__ = ["PHOTO_TABLES", "PhotoReport", "build_photo_table"]
-
 #: Tables of figures that are not in the records, by name.
 PHOTO_TABLES = {PHOTOS_TABLE: photos_table, PHOTO_ERRORS_TABLE: photo_errors_table}
 

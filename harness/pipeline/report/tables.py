@@ -26,24 +26,6 @@ from reports.tables.regions import regions_table
 from reports.tables.table import Table
 from reports.tables.views import views_table
 
-__all__ = [
-    "FORMATS",
-    "PAIRED_TABLE",
-    "PHOTOS_TABLE",
-    "PHOTO_ERRORS_TABLE",
-    "PUBLISHED_TABLE",
-    "SEEDS_TABLE",
-    "TABLES",
-    "ReportRequest",
-    "build_published",
-    "build_table",
-    "every_table",
-    "in_order",
-    "write_tables",
-    "writer_of",
-    "written",
-]
-
 T = TypeVar("T")
 _LEAST_FOR_INTERVALS = 4
 

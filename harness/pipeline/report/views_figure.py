@@ -12,8 +12,6 @@ from reports.figures.view_curves import view_curves
 from reports.statistics import bootstrap_ends
 from reports.tables.views import view_series, views_table
 
-__all__ = ["views"]
-
 
 def views(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:  # noqa: ARG001
     """Error over the number of photos, with 95 % intervals over the source's subjects.

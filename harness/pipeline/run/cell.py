@@ -23,8 +23,6 @@ from harness.pipeline.scoring.bodies import body_errors
 from harness.pipeline.scoring.meshes import mesh_scores
 from harness.pipeline.scoring.normals import normal_map_errors
 
-__all__ = ["Truth", "lent_to", "scores_of", "seed_for"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:

@@ -13,8 +13,6 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import Inputs
 
-__all__ = ["CellJob"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellJob:

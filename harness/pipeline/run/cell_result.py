@@ -11,8 +11,6 @@ from harness.core.formats.typed_json import from_json, to_json
 from harness.core.records import Environment, Status
 from harness.core.results import Scores
 
-__all__ = ["CellResult"]
-
 
 @dataclass(frozen=True, slots=True)
 class CellResult:

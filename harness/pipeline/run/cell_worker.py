@@ -40,8 +40,6 @@ from harness.pipeline.run.result_files import (
 from harness.pipeline.work.cost import StageMeter
 from harness.pipeline.work.shared_results import SharedResults
 
-__all__ = ["handle"]
-
 #: What only a scan can lend.
 _OF_THE_SCAN = (Privilege.GROUND_TRUTH_MESH, Privilege.SUBJECT_CENTRE, Privilege.ORACLE_NORMALS)
 

@@ -15,8 +15,6 @@ from harness.pipeline.foreign.added_methods import ADDED_MODULE, AddedMethods
 from harness.pipeline.inputs.part_choice import PartChoice
 from methods.catalog import METHODS
 
-__all__ = ["Catalogued", "ChosenMethod", "catalogued_methods", "chosen_methods"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChosenMethod:

@@ -27,8 +27,6 @@ from harness.pipeline.scoring.meshes import mesh_scores
 from methods.catalog import METHODS
 from metrics.score import Score, score
 
-__all__ = ["FolderRequest", "score_folder", "score_pair"]
-
 _SEAMS = (
     "normals end at the seams of its texture, which the mesh that is kept does not have: hand in "
     "results of a mesh without texture coordinates, such as a PLY"

@@ -35,8 +35,6 @@ from harness.pipeline.run.tasks.known_files import KnownFiles
 from harness.pipeline.run.tasks.run_of_tasks import CELLS, MachineShare, RunOfTasks
 from harness.pipeline.run.tasks.run_values import error_values
 
-__all__ = ["CellRun", "EvalSummary", "evaluate"]
-
 _WORKER = "harness.pipeline.run.cell_worker"
 #: How often a cell is planned again because photos, scan or code changed under it.
 _ATTEMPTS = 3

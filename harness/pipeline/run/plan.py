@@ -21,8 +21,6 @@ from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import Inputs, made_from, method_code
 from harness.pipeline.run.store import CellFolder, RunStore
 
-__all__ = ["Cell", "EvalRequest", "ReadCode", "SubjectFiles", "plan"]
-
 #: ``read(module, privileges)``, as ``method_code``.
 ReadCode = Callable[[str, tuple[Privilege, ...]], SourceDigest]
 

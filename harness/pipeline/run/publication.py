@@ -29,8 +29,6 @@ from harness.core.files.atomic import writing
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.records import Record
 
-__all__ = ["LOG_FILE", "Attempt", "abandon", "collect", "file_of", "link_results", "publish"]
-
 LOG_FILE = "log.txt"
 #: What a failure that leaves a good record printed.
 _FAILED_LOG = "failed-attempt.log"

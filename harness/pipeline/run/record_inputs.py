@@ -24,16 +24,6 @@ from harness.core.protocols import MethodInfo
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 
-__all__ = [
-    "Inputs",
-    "evaluated",
-    "made_from",
-    "method_code",
-    "require_photos",
-    "require_scan",
-    "scored_elsewhere",
-]
-
 _KEYS_OWN = SourceTree.__module__
 _CELL = "harness.pipeline.run.cell"
 _MESH_SCORING = "harness.pipeline.scoring.meshes"

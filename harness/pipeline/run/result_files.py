@@ -25,16 +25,6 @@ from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.images import packed_normals, unit_normals
 
-__all__ = [
-    "BODY_FILE",
-    "MESH_FILE",
-    "NORMALS_FILE",
-    "load_body_mesh",
-    "load_normals",
-    "save_body",
-    "save_normals",
-]
-
 MESH_FILE = "mesh.ply"
 BODY_FILE = "body.npz"
 NORMALS_FILE = "normals.npz"

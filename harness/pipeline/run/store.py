@@ -24,8 +24,6 @@ from harness.pipeline.run.publication import (
     publish,
 )
 
-__all__ = ["PHOTOS_RUN", "CellFolder", "Outcome", "RunStore"]
-
 #: The run that reconstructions of a user's own photos are filed in.
 PHOTOS_RUN = "photos"
 

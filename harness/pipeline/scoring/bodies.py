@@ -24,8 +24,6 @@ from methods.body.photos.detection import detect
 from methods.body.photos.views import frame_side_px
 from metrics import body as measure
 
-__all__ = ["body_errors"]
-
 #: Longer side of the subject in the pictures that are compared, pixels.
 _SUBJECT_PX = 512
 

@@ -10,8 +10,6 @@ from harness.core.truth import face_regions
 from metrics.regions import region_errors
 from metrics.score import Misplaced, score
 
-__all__ = ["mesh_scores"]
-
 
 def mesh_scores(
     predicted: Mesh,

@@ -22,8 +22,6 @@ from harness.geometry.raycast import Raycaster, Side
 from metrics.folds import fold_errors, pixel_size_m
 from metrics.normal_maps import angular_error_map, angular_errors
 
-__all__ = ["SIDES", "TrueNormals", "normal_map_errors", "true_normals"]
-
 #: What the photo shows, and what it hides.
 SIDES: tuple[Side, ...] = ("near", "far")
 

@@ -11,8 +11,6 @@ from harness.core.quality.photo_scores import PhotoScores
 from harness.geometry.photo import open_photo
 from metrics.photos.score import photo_scores
 
-__all__ = ["photo_quality", "photo_scoring_code"]
-
 
 def photo_quality(mesh: Mesh, capture: Capture, maps: Sequence[NormalMaps] = ()) -> PhotoScores:
     """What a capture's photos tell of a mesh.

@@ -12,8 +12,6 @@ import psutil
 
 from harness.core.artifacts import StageCost
 
-__all__ = ["StageMeter"]
-
 _SAMPLE_S = 0.02
 _MIB = 1 << 20
 

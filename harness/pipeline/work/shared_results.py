@@ -27,8 +27,6 @@ from harness.core.process.shared_work import Work
 from harness.core.process.source_digest import SourceDigest, SourceTree
 from harness.pipeline.work.cost import StageMeter
 
-__all__ = ["SharedResults"]
-
 T = TypeVar("T")
 
 _COST = "shared_cost"

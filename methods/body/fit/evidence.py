@@ -14,8 +14,6 @@ from methods.body.photos.views import View
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Evidence", "length"]
-
 
 class Evidence:
     """The landmarks that a body has, in N views.

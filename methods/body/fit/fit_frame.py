@@ -20,8 +20,6 @@ from methods.body.photos.views import Views
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["fit_frame", "in_frame", "out_of_frame"]
-
 
 def fit_frame(views: Views) -> Floats:
     """(4, 4) from the world to the fit's frame: the subject's place at its origin, up as before.

@@ -39,8 +39,6 @@ from methods.body.photos.views import View, Views
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Fit", "NormalsOf", "hold_depth", "optimise"]
-
 #: Makes the clothed normals (H, W, 3) of every view, map frame, for one body's vertices (V, 3).
 NormalsOf = Callable[[Floats], Sequence[Floats]]
 

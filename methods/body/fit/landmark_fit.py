@@ -30,8 +30,6 @@ from methods.body.photos.views import View
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["average", "average_of_columns", "fit_each_view", "fit_jointly", "swapped_views"]
-
 _SINGLE_STEPS, _SINGLE_RATE = 120, 0.05
 _JOINT_STEPS, _JOINT_RATE = 150, 0.03
 #: Standard deviations: of a landmark in the picture (as metres at the subject), of one in space.

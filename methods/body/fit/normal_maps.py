@@ -20,8 +20,6 @@ from methods.body.fit.projection import Projector
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["NormalTarget", "Skin", "normal_cost", "seen_normals"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skin:

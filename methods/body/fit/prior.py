@@ -11,8 +11,6 @@ from methods.body.models.model import Parameters, ParametricBody
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["ParameterPrior"]
-
 #: Standard deviation of a limb's rotation, radians; divided by the root of a joint's stiffness.
 _DEVIATION_RAD = 0.8
 #: Standard deviation of bending against a hinge, radians.

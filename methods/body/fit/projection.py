@@ -9,8 +9,6 @@ from harness.core.cameras.camera import Camera
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Projector"]
-
 #: Points nearer than this are projected as if they were this far, so that nothing divides by zero.
 _NEAREST_M = 0.05
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from harness.core.arrays import Floats
 
-__all__ = ["mean_of_columns", "mean_rotation", "mean_rotation_vector", "upright"]
-
 
 def mean_rotation(rotations: Floats) -> Floats:
     """(3, 3) chordal mean of rotations (N, 3, 3): the one with the least sum of squared distances.

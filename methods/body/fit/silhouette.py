@@ -25,9 +25,6 @@ from methods.body.fit.surface import BodySurface
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["SilhouetteTarget", "silhouette_cost", "uncovered_cost"]
-
-
 #: How far outside an edge a ray is sent to see whether the edge is on the outline, pixels.
 _OUTSIDE_PX = 0.25
 

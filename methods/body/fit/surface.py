@@ -15,8 +15,6 @@ from harness.geometry.topology import edges_of
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["BodySurface", "Topology", "vertex_normals"]
-
 
 class Topology:
     """What does not change while the body moves: faces, edges, and the two faces of each edge.

@@ -20,16 +20,6 @@ from methods.body.models.model import ParametricBody, Posed
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = [
-    "BodyState",
-    "LandmarkTarget",
-    "ViewTarget",
-    "head_cost",
-    "landmark_term",
-    "normal_term",
-    "silhouette_term",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkTarget:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from harness.core.settings import check_choice, check_range
 
-__all__ = ["PUBLISHED_CONFIDENCE", "PUBLISHED_LANDMARKS", "Weights"]
-
 #: MediaPipe's landmarks that ECON and MExECON compare: nose, eyes, ears, shoulders, elbows, wrists,
 #: fingers, heels and toes. Hips, knees and ankles were left out there.
 PUBLISHED_LANDMARKS = (0, 2, 5, 7, 8, *range(11, 23), *range(29, 33))

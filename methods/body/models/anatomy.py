@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from methods.body.models.model import FreeJoint, LandmarkTable, Posed
 
-__all__ = ["blend_landmarks", "free_joint", "sparse_vertices", "table"]
-
 Triple = tuple[float, float, float]
 
 #: Stiffness about x, y, z by role: trunk and shoulder girdle move little, a knee turns about x.

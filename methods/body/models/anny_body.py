@@ -25,8 +25,6 @@ from methods.body.models.parts import body_part
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["AnnyBody", "forget"]
-
 _ANNY_TO_WORLD = ANNY_TO_WORLD.astype(np.float32)
 _ARM = {"L": (0.7071, -0.7071, 0.0), "R": (-0.7071, -0.7071, 0.0)}
 _SPINE = ("spine05", "spine04", "spine03", "spine02", "spine01")

@@ -8,8 +8,6 @@ from methods.body.models.anny_body import AnnyBody
 from methods.body.models.model import ParametricBody
 from methods.body.models.smplx_body import SmplxBody
 
-__all__ = ["body_model", "forget_body_models"]
-
 
 def body_model(name: str, model_file: str = "") -> ParametricBody:
     """The body model ``anny`` or ``smplx``, loaded.

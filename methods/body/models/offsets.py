@@ -13,8 +13,6 @@ are of two readings a photo; six (see ``detection``) move them by 2 mm at most a
 
 from __future__ import annotations
 
-__all__ = ["ANNY_OFFSETS_MM", "LEAN_DEG"]
-
 #: MediaPipe's bodies in space lean this much towards the camera, about its x axis: the median over
 #: eight views of six generated training subjects (standard deviation 3.3).
 LEAN_DEG = 5.0

@@ -7,8 +7,6 @@ from importlib.metadata import PackageNotFoundError, version
 from harness.core.protocols import Part
 from methods.body.models.smplx_part import smplx_part
 
-__all__ = ["body_part"]
-
 
 def body_part(name: str, model_file: str = "") -> Part:
     """The part of the body model ``anny`` or ``smplx``; errors as ``smplx_part``."""

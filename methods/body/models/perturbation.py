@@ -13,8 +13,6 @@ from harness.core.arrays import Floats
 from harness.core.truth import TrueParameters
 from methods.body.models.anny_body import AnnyBody
 
-__all__ = ["FitErrors", "as_fitted"]
-
 
 @dataclass(frozen=True, slots=True)
 class FitErrors:

@@ -24,8 +24,6 @@ from methods.body.smplx_offsets import stored_offsets
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["SmplxBody"]
-
 _BODY_JOINTS = 21
 #: What the fit leaves as it is, besides the expression: size of each of the model's parameters.
 _RESTING = {

@@ -22,9 +22,6 @@ from harness.core.array_files.npz import read_array_npz
 from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
 
-__all__ = ["BETAS", "EXPRESSIONS", "HAND", "JOINTS", "OWN", "PIXIES", "Spaces", "checked_model",
-           "forget", "load_model", "require_model"]  # fmt: skip
-
 _WHERE = (
     "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and run: "
     "harness parts import smplx <folder>/SMPLX_NEUTRAL.npz"

@@ -11,8 +11,6 @@ from methods.body.models.smplx_part import MODEL, NAMES
 from methods.parts.kind import ImportOptions
 from methods.parts.store import Examined
 
-__all__ = ["examine"]
-
 
 def examine(file: Path, options: ImportOptions) -> Examined:
     """The model in a file; see ``methods.parts.store.Examine``.

@@ -9,8 +9,6 @@ from harness.core.protocols import Part
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["MODEL", "NAMES", "SMPLX", "is_pixies", "model_path", "named_model", "smplx_part"]
-
 #: The file of a part.
 MODEL = "model.npz"
 #: What the files are called where they are published; the last one belongs to PIXIE's shape values.

@@ -20,8 +20,6 @@ from harness.core.errors import DataError
 from methods.body.models.smplx_file import BETAS, EXPRESSIONS, HAND, JOINTS, load_model
 from methods.body.models.smplx_part import SMPLX
 
-__all__ = ["MODEL_NAME", "Placing", "fit_parameters", "fitted_body", "male_model", "placing"]
-
 #: The imported model that the fits refer to.
 MODEL_NAME = "SMPLX_MALE"
 _COMPONENTS = 12

@@ -30,9 +30,6 @@ from harness.geometry.window import Window
 from methods.body.models.offsets import LEAN_DEG
 from methods.parts.mediapipe_solutions import solutions, titled
 
-__all__ = ["COUNT", "MIRRORED", "Detections", "Reading", "combined", "detect", "part"]
-
-
 #: Landmarks of MediaPipe's body.
 COUNT = 33
 #: The same landmark on the other side: a left/right swap is ``values[..., MIRRORED, :]``.

@@ -18,9 +18,6 @@ from harness.geometry.place import Place, place_of
 from harness.geometry.window import Window
 from methods.body.photos.detection import Detections, detect
 
-__all__ = ["FRAME_MARGIN", "Given", "View", "Views", "frame_side_px", "load_views"]
-
-
 #: Side of the square that losses refer to, in longer sides of the subject's box, about as in ECON's
 #: crops; without it a loss would depend on how much of the picture the subject fills.
 FRAME_MARGIN = 1.1

@@ -14,8 +14,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-__all__ = ["HrNet"]
-
 _WIDTHS = (48, 96, 192, 384)
 #: How often each number of resolutions exchanges, from two to four.
 _MODULES = (1, 4, 3)

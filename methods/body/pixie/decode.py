@@ -11,8 +11,6 @@ from harness.core.arrays import Floats
 from harness.core.errors import MethodError
 from methods.body.pixie.part import OUTPUTS
 
-__all__ = ["PixieView", "decoded"]
-
 _SHAPE, _EXPRESSION = 200, 50
 _BODY_JOINTS, _FINGER_JOINTS = 17, 15
 #: SMPL-X joints whose turns are absolute, and the joints between them and the root, nearest first.

@@ -13,8 +13,6 @@ from torch import Tensor, nn
 from methods.body.pixie.backbone import HrNet
 from methods.body.pixie.part import OUTPUTS
 
-__all__ = ["PixieBody"]
-
 _FEATURES, _HIDDEN = 2048, 1024
 _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["NETWORK", "OUTPUTS", "PIXIE"]
-
 #: The file that the network becomes.
 NETWORK = "body.onnx"
 #: What it answers with, in this order, and how many numbers each has.

@@ -32,9 +32,6 @@ from methods.parts.onnx_session import answers, open_session
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["Seen", "crop_window", "held_values", "pixie_each_view", "pixie_part", "pixie_sees",
-           "seen_by"]  # fmt: skip
-
 #: As ECON crops: the subject's box fills this share of a square of so many pixels over black, which
 #: is then made smaller.
 _FILLED, _CROP_PX, _NETWORK_PX = 0.9, 512, 224

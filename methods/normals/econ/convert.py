@@ -19,8 +19,6 @@ from methods.parts.onnx_export import Graph, bare, filled, require_equal, shapes
 from methods.parts.onnx_session import answers, open_session
 from methods.parts.store import Examined
 
-__all__ = ["GRAPH", "examine"]
-
 _MOVING = {2: "height", 3: "width"}
 GRAPH = Graph(
     inputs=("image", "body"),

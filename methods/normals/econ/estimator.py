@@ -20,8 +20,6 @@ from harness.geometry.images import resampled, unit_normals
 from methods.normals.econ.part import ECON_NORMALS, FILES
 from methods.parts.onnx_session import answers, open_session
 
-__all__ = ["EconNormals", "econ_normals", "econ_part"]
-
 #: The size that the networks were trained at; the subject fills 0.9 of it.
 SIDE_PX = 512
 #: 128 of 255 is not the middle between black and white.

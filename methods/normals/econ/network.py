@@ -13,8 +13,6 @@ from torch import Tensor, nn
 
 from methods.parts.torch_layers import InstanceNorm
 
-__all__ = ["NormalGenerator"]
-
 _HALVINGS, _BLOCKS = 4, 9
 #: The photo's three channels and the body normals' three.
 _CHANNELS_IN, _CHANNELS_OUT = 6, 3

@@ -5,8 +5,6 @@ from __future__ import annotations
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 
-__all__ = ["ECON_NORMALS", "FILES"]
-
 #: The files that the networks for the front and the back become, by their names in the checkpoint.
 FILES = {"netF": "netF.onnx", "netB": "netB.onnx"}
 

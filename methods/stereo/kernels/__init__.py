@@ -8,5 +8,3 @@ Warp reads its own language from the functions here, so they are plainer than Py
 """
 
 from methods.stereo.kernels.device import device_array, launch
-
-__all__ = ["device_array", "launch"]

@@ -11,8 +11,6 @@ import warp as wp
 
 from methods.stereo.kernels.sampling import Sums, bilinear, correlated
 
-__all__ = ["Pair", "Patches", "band_search"]
-
 wp.set_module_options({"enable_backward": False})
 
 

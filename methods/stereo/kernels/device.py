@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-__all__ = ["device_array", "launch"]
-
 _DEVICE = "cpu"
 
 

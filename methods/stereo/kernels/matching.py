@@ -11,16 +11,6 @@ import warp as wp
 
 from methods.stereo.kernels.sampling import Sums, bilinear, correlated, inside
 
-__all__ = [
-    "Planes",
-    "Reference",
-    "Sources",
-    "Turn",
-    "match_first",
-    "match_round",
-    "match_sharpness",
-]
-
 wp.set_module_options({"enable_backward": False})
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import warp as wp
 
-__all__ = ["Sums", "bilinear", "correlated", "inside"]
-
 wp.set_module_options({"enable_backward": False})
 
 #: Sums over a window: weights, a, b, a a, b b, a b.

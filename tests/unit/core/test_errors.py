@@ -18,7 +18,9 @@ from harness.core.errors import (
 )
 
 CLASSES = [
-    getattr(errors, name) for name in errors.__all__ if isinstance(getattr(errors, name), type)
+    each
+    for each in vars(errors).values()
+    if isinstance(each, type) and each.__module__ == errors.__name__
 ]
 
 

@@ -19,8 +19,6 @@ from harness.pipeline.inputs.imported import CAPTURES, IMPORTED, imported_subjec
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture, named_capture
 
-__all__ = ["app"]
-
 app = verb_group("capture")
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the photos.")]

@@ -32,8 +32,6 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import chosen_methods
 
-__all__ = ["app"]
-
 app = verb_group("conform")
 
 

@@ -49,8 +49,6 @@ from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.seeds import evaluate_seeds, parsed_seeds, seed_requests
 
-__all__ = ["app"]
-
 app = verb_group("eval")
 
 NewRun = Annotated[

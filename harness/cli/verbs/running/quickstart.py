@@ -12,8 +12,6 @@ from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.quickstart import quickstart as carry_out
 
-__all__ = ["app"]
-
 app = verb_group("quickstart")
 
 

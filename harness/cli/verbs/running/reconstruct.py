@@ -35,8 +35,6 @@ from harness.pipeline.photos.reconstruct import (
 )
 from harness.pipeline.run.chosen_method import chosen_methods
 
-__all__ = ["app"]
-
 app = verb_group("reconstruct")
 
 What = Annotated[

@@ -30,8 +30,6 @@ from harness.pipeline.inputs.captures import render_all
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["app"]
-
 app = verb_group("render")
 
 

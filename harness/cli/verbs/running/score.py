@@ -34,8 +34,6 @@ from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pa
 from harness.pipeline.run.store import RunStore
 from metrics.score import Score
 
-__all__ = ["app"]
-
 app = verb_group("score")
 
 Predicted = Annotated[

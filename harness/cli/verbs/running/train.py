@@ -25,8 +25,6 @@ from harness.pipeline.training.samples import SampleSettings
 from methods.normals.installed import OPEN_NETWORK, named
 from methods.normals.training.settings import NetworkPart, TrainingSettings
 
-__all__ = ["app", "asked_part"]
-
 app = verb_group("train")
 
 

@@ -21,8 +21,6 @@ from reports.regression.baseline import update as new_baseline
 from reports.regression.compare import compare, to_markdown, to_text
 from reports.regression.spread import with_spread
 
-__all__ = ["app"]
-
 app = verb_group("check")
 
 

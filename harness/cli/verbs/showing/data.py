@@ -28,8 +28,6 @@ from harness.pipeline.inputs.inventory import check_tree, overview
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["app"]
-
 app = verb_group("data")
 _MARKS = {"present": "ok", "missing": "MISSING", "corrupt": "CORRUPT"}
 

@@ -15,8 +15,6 @@ from harness.pipeline.doctor import Finding, examine
 from harness.pipeline.executors.locks import probe_locks
 from harness.pipeline.inputs.workspace import Workspace
 
-__all__ = ["app"]
-
 app = verb_group("doctor")
 
 #: How long a machine waits for the other, seconds.

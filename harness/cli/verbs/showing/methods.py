@@ -16,8 +16,6 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.method_pages import markdown_pages, text_page
 from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods
 
-__all__ = ["app"]
-
 app = verb_group("methods")
 
 

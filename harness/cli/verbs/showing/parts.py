@@ -38,8 +38,6 @@ from methods.body.smplx_offsets import (
 from methods.parts.catalog import all_kinds, part_kind
 from methods.parts.kind import ImportOptions, PartCheck, PartKind, State
 
-__all__ = ["app"]
-
 app = verb_group("parts")
 _MARKS = {State.OK: "ok", State.MISSING: "MISSING", State.CORRUPT: "CORRUPT"}
 

@@ -52,8 +52,6 @@ from harness.pipeline.report.tables import (
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.seeds import table_of_seeds
 
-__all__ = ["app"]
-
 app = verb_group("report")
 
 TableName = Annotated[

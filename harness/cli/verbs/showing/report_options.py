@@ -16,8 +16,6 @@ from harness.pipeline.report.tables import (
     TABLES,
 )
 
-__all__ = ["given_options", "refuse_ignored", "refuse_with_before", "refuse_with_records"]
-
 _OF_TABLES = ("--table", "--format", "--json", "--interval", "--published", "--paired")
 _OF_PAGES = ("--surfaces", "--include-licensed")
 

@@ -36,8 +36,6 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.tables import in_order
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["app"]
-
 app = verb_group("results")
 
 Submission = Annotated[

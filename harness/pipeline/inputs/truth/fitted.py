@@ -24,8 +24,6 @@ from harness.core.process.source_digest import SourceTree
 from harness.geometry.surface import SurfaceIndex
 from methods.body.models.thuman_body import fitted_body, male_model
 
-__all__ = ["with_fitted_body"]
-
 #: A body is within a few centimetres of its clothes; the first fits of THuman 2.1 were not. Metres
 #: of a body, which is what units divided by the fit's scale are.
 _MOST_OFF_M = 0.05

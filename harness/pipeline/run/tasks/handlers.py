@@ -11,8 +11,6 @@ from harness.pipeline.progress import Progress
 from harness.pipeline.run.evaluate import CellRun
 from harness.pipeline.run.tasks.run_values import found_error, found_methods, found_request
 
-__all__ = ["cell", "photos"]
-
 _lock = threading.Lock()
 #: The run that this process works on, by its id; another one takes its place.
 _current: dict[str, CellRun] = {}

@@ -8,8 +8,6 @@ from collections import OrderedDict
 from harness.core.errors import HarnessError
 from harness.pipeline.run.plan import SubjectFiles
 
-__all__ = ["KnownFiles"]
-
 _MOST = 64
 
 

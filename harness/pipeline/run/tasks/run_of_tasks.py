@@ -17,8 +17,6 @@ from harness.pipeline.run.plan import Cell, EvalRequest
 from harness.pipeline.run.store import Outcome
 from harness.pipeline.run.tasks.run_values import request_values
 
-__all__ = ["CELLS", "MachineShare", "RunOfTasks"]
-
 #: Name of the progress bar that counts cells.
 CELLS = "reconstructions"
 _HANDLERS = "harness.pipeline.run.tasks.handlers"

@@ -15,8 +15,6 @@ from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
 
-__all__ = ["error_values", "found_error", "found_methods", "found_request", "request_values"]
-
 
 def request_values(request: EvalRequest) -> dict[str, object]:
     """Plain JSON values; datasets, methods and the protocol go by name."""

@@ -10,8 +10,6 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera
 from tests.unit.methods.stereo.conftest import sphere, textured
 
-__all__ = ["sphere", "textured", "without_common_move"]
-
 _STEP_M = 1e-5
 
 
