@@ -1,4 +1,4 @@
-"""Photos and cameras of another program become a capture like any other."""
+"""Photos and cameras of another program become a capture like any other, in a child process."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory, exclusive_lock, remove_leftovers, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.process.steps import StepReport
+from harness.core.process.workers import worker_main
 from harness.data.captures.reading import read_cameras
 from harness.data.captures.views import ForeignCameras
+from harness.pipeline.importing.align_world import Placed, check_scale, found_up, placed
+from harness.pipeline.importing.load_photos import TakenViews, take_photos
 from harness.pipeline.importing.masks import mask_maker
 from harness.pipeline.importing.matching import matched_photos
-from harness.pipeline.importing.placing import Placed, check_scale, found_up, placed
 from harness.pipeline.importing.request import Imported, ImportRequest
-from harness.pipeline.importing.taking import TakenViews, take_photos
 
 _LEAST_PX = 64
 
@@ -113,3 +114,12 @@ def _capture(
             "images": images,
         },
     )
+
+
+def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
+    """Import; the answer of ``Imported.to_dict``."""
+    return import_photos(ImportRequest.from_dict(job), report).to_dict()
+
+
+if __name__ == "__main__":
+    worker_main(handle)

@@ -1,4 +1,4 @@
-"""What ``harness capture import`` was asked for, and what came of it, as they travel."""
+"""What ``harness capture import`` was asked for, what came of it, and the process that does it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from pathlib import Path
 
 from harness.core.errors import HarnessError
 from harness.core.formats.typed_json import from_json, to_json
+from harness.core.process.workers import run_worker
+from harness.data.captures.reading import read_cameras
+from harness.pipeline.progress import Progress, counted
 
+_WORKER = "harness.pipeline.importing.importing"
+_PHOTOS = "photos"
 #: What the cameras, the photos or a stated prior decide.
 AUTO = "auto"
 #: Where the origin may go.
@@ -107,3 +112,25 @@ class Imported:
     def from_dict(cls, values: Mapping[str, object]) -> Imported:
         """The answer behind ``to_dict``."""
         return from_json(cls, values, "the worker's answer", "an import")
+
+
+def import_capture(
+    request: ImportRequest, progress: Progress, timeout_s: float | None = None
+) -> Imported:
+    """Make a capture of photos with cameras.
+
+    Args:
+        request: Photos, cameras, and what is known of their world.
+        progress: Hears of every photo.
+        timeout_s: How long it may take; None is no limit.
+
+    Raises:
+        HarnessError: files that cannot be read, photos that contradict their cameras, or a world
+            of which too little is known.
+        MissingPart: MediaPipe is needed, and not installed.
+    """
+    progress.expect(_PHOTOS, len(read_cameras(Path(request.cameras)).views))
+    answer = run_worker(
+        _WORKER, request.to_dict(), progress=counted(progress, _PHOTOS), timeout_s=timeout_s
+    )
+    return Imported.from_dict(answer)

@@ -21,9 +21,9 @@ from harness.data.captures.pictures import picture_facts
 from harness.data.captures.views import ForeignView
 from harness.geometry.window import Window
 from harness.pipeline.importing.facing import stance_of
+from harness.pipeline.importing.load_photos import TakenView, take_photos
 from harness.pipeline.importing.matching import MatchedPhoto
 from harness.pipeline.importing.request import Imported, check_height
-from harness.pipeline.importing.taking import TakenView, take_photos
 
 #: How high a person is taken to be where nothing tells it.
 ASSUMED_HEIGHT_M = 1.7

@@ -10,8 +10,7 @@ from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.process.workers import run_worker
 from harness.data.captures.pictures import PICTURE_SUFFIXES
 from harness.data.manifest import Manifest
-from harness.pipeline.importing.request import Imported, ImportRequest
-from harness.pipeline.importing.start import import_capture
+from harness.pipeline.importing.request import Imported, ImportRequest, import_capture
 from harness.pipeline.inputs.imported import (
     CAPTURES,
     IMPORTED,

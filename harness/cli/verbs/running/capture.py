@@ -13,8 +13,7 @@ from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.data.captures.pictures import photo_folder
 from harness.data.captures.reading import find_cameras
-from harness.pipeline.importing.request import AUTO, ImportRequest
-from harness.pipeline.importing.start import import_capture
+from harness.pipeline.importing.request import AUTO, ImportRequest, import_capture
 from harness.pipeline.inputs.imported import CAPTURES, IMPORTED, imported_subjects, name_for
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture, named_capture

@@ -18,8 +18,8 @@ from harness.core.process.steps import silent
 from harness.core.protocols import Context, MethodInfo
 from harness.geometry.images import load_rgba
 from harness.pipeline.importing.importing import import_photos
+from harness.pipeline.importing.masks import cut_sides, one_person
 from harness.pipeline.importing.request import ImportRequest
-from harness.pipeline.importing.subject import cut_sides, one_person
 from harness.pipeline.importing.world import (
     FileToWorld,
     parsed_axis,

@@ -18,9 +18,14 @@ from harness.data.captures.pictures import TakenPhoto, read_photo
 from harness.geometry.images import load_rgba, save_png
 from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
-from harness.pipeline.importing.masks import MaskMaker, by_mediapipe, shows_others
+from harness.pipeline.importing.masks import (
+    MaskMaker,
+    by_mediapipe,
+    cut_sides,
+    one_person,
+    shows_others,
+)
 from harness.pipeline.importing.matching import MatchedPhoto
-from harness.pipeline.importing.subject import cut_sides, one_person
 from harness.pipeline.importing.world import quarters_upright
 
 

@@ -16,6 +16,7 @@ from harness.data.scans import PLAUSIBLE_HEIGHT_M
 from harness.geometry.place import MEAN_HEIGHT_M
 from harness.pipeline.importing.agreement import Agreement, hull_agreement, other_reading
 from harness.pipeline.importing.facing import stance_of
+from harness.pipeline.importing.load_photos import TakenView
 from harness.pipeline.importing.request import (
     AUTO,
     ORIGINS,
@@ -23,7 +24,6 @@ from harness.pipeline.importing.request import (
     ImportRequest,
     check_height,
 )
-from harness.pipeline.importing.taking import TakenView
 from harness.pipeline.importing.world import FileToWorld, parsed_axis, up_of_cameras
 
 #: Exact masks and cameras of generated people agree to 0.994 and more, mirrored photos of them to
