@@ -30,6 +30,7 @@ _TEXTURE_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "TGA")
 
 #: Decoded photos stay in memory up to this many bytes: 32 of the paper's size.
 _KEPT_BYTES = 256 * 2**20
+_WHITE_16 = 65535
 #: The last chunk of every complete PNG; Pillow itself does not miss it.
 _PNG_END = b"IEND\xaeB`\x82"
 
@@ -118,12 +119,34 @@ def load_mask(path: Path, size: tuple[int, int] | None = None) -> Floats:
 def load_rgb(path: Path) -> Bytes:
     """(H, W, 3) uint8 sRGB of a picture such as a texture (JPEG, PNG, TIFF, WebP, BMP, TGA).
 
-    Alpha is dropped.
+    Of any kind: grey, palette, CMYK, 16 bits. Alpha is dropped.
 
     Raises:
         DataError: no such file, not a complete picture, or one of more than ``MOST_PIXELS``.
     """
-    return _read(path, _TEXTURE_FORMATS, lambda image: np.asarray(image.convert("RGB")))
+    return _read(path, _TEXTURE_FORMATS, lambda image: np.asarray(eight_bit(image, "RGB")))
+
+
+def eight_bit(image: Image, mode: Literal["L", "RGB", "RGBA"]) -> Image:
+    """A picture of any kind with eight bits a channel: 16 bits are scaled, where Pillow clips them.
+
+    Raises:
+        DataError: floats, or whole numbers of more than 16 bits, whose white is not known.
+    """
+    from PIL import Image as Pillow
+
+    if image.mode[0] not in "IF":
+        return image.convert(mode)
+    values = np.asarray(image)
+    if image.mode == "F" or values.min() < 0 or values.max() > _WHITE_16:
+        raise DataError(
+            f"{getattr(image, 'filename', 'a picture')} is of a kind without a known white",
+            expected="8 or 16 bits a channel",
+            got=f"mode {image.mode}, {values.min():g} to {values.max():g}",
+            hint="Save it with 8 bits a channel",
+        )
+    scaled = np.round(values.astype(np.float32) * (255 / _WHITE_16))
+    return Pillow.fromarray(scaled.astype(np.uint8)).convert(mode)
 
 
 def check_picture(path: Path) -> None:

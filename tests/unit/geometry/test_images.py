@@ -66,6 +66,34 @@ def test_each_defect_has_its_sentence(tmp_path, rgba):
         load_rgb(tmp_path / "t.jpg")
 
 
+SIXTEEN, EIGHT = np.array([[0, 20000, 50000, 65535]]), np.array([[0, 78, 195, 255]], np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("name", "image"),
+    [
+        ("grey16.png", Image.fromarray(SIXTEEN.astype(np.uint16))),
+        ("grey16.tif", Image.fromarray(SIXTEEN.astype(np.uint16))),
+        ("big.tif", Image.fromarray(SIXTEEN.astype(">u2"))),
+        ("wide.tif", Image.fromarray(SIXTEEN.astype(np.int32))),
+        ("grey.png", Image.fromarray(EIGHT)),
+        ("alpha.png", Image.merge("LA", [Image.fromarray(EIGHT), Image.fromarray(255 - EIGHT)])),
+        ("palette.png", Image.fromarray(EIGHT).convert("P")),
+        ("cmyk.tif", Image.fromarray(EIGHT).convert("CMYK")),
+    ],
+)
+def test_textures_of_every_kind_are_read_by_value(tmp_path, name, image):
+    image.save(tmp_path / name)
+    np.testing.assert_array_equal(load_rgb(tmp_path / name), np.stack([EIGHT] * 3, axis=-1))
+
+
+@pytest.mark.parametrize("values", [np.array([[0.5]], np.float32), np.array([[70000]], np.int32)])
+def test_a_texture_without_a_known_white_is_refused(tmp_path, values):
+    Image.fromarray(values).save(tmp_path / "t.tif")
+    with pytest.raises(DataError, match=r"t\.tif is of a kind.*8 or 16 bits a channel; got mode"):
+        load_rgb(tmp_path / "t.tif")
+
+
 def test_masks_of_truth_values_become_black_and_white(tmp_path):
     save_png(tmp_path / "m.png", np.array([[True, False]]))
     assert np.asarray(Image.open(tmp_path / "m.png")).tolist() == [[255, 0]]
