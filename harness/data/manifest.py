@@ -20,6 +20,7 @@ from harness.core.errors import DataError, HarnessError, MissingPart, did_you_me
 from harness.core.files.names import NAME_RULE, is_name
 from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
+from harness.data.generators import AVATARS, brought_datasets
 from harness.data.yaml_lines import read_yaml
 
 #: Licences that let everybody pass the data on.
@@ -84,6 +85,7 @@ class Dataset(_Strict):
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
+        generator: For generated subjects: who makes them, an entry point of ``harness.datasets``.
         scan_noise_mm: For generated subjects: standard deviation of bumps such as a scanner leaves.
         sealed: Kept for the last test: looking at it needs a reason and is logged.
         source: Where the user gets the data.
@@ -98,6 +100,7 @@ class Dataset(_Strict):
     facing: Literal["+z", "fit"] | dict[str, float]
     subjects: tuple[str, ...] = ()
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
+    generator: str = AVATARS
     scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
     sealed: bool = False
     source: str = ""
@@ -179,7 +182,15 @@ class Manifest:
             )
         document = self._validate(_Document, raw, ())
         self._check_names(document)
-        self.datasets: dict[str, Dataset] = document.datasets
+        brought, self.unusable = brought_datasets()
+        self.datasets: dict[str, Dataset] = {
+            **document.datasets,
+            **{
+                name: self._validate(Dataset, entry, ("harness.datasets", name))
+                for name, entry in brought.items()
+                if name not in document.datasets
+            },
+        }
         self.splits: dict[str, Split] = document.splits
         self.recipes: dict[str, RenderRecipe] = {}
         for name, values in document.recipes.items():
@@ -278,6 +289,8 @@ class Manifest:
             dataset_name, available = split.dataset, split.subjects
         elif name in self.datasets:
             dataset_name, available = name, self.datasets[name].subjects
+        elif name in self.unusable:
+            raise self.unusable[name]
         else:
             known = [*self.datasets, *self.splits]
             raise HarnessError(f"unknown dataset '{name}'", hint=did_you_mean(name, known))

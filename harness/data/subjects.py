@@ -11,7 +11,6 @@ from harness.core.mesh import Mesh
 from harness.data.file_checks import FileCheck
 from harness.data.scan_files import check_scan
 from harness.data.scans import load_scan, locate_scan
-from harness.data.thuman import check_subject
 from harness.data.thuman_scans import load_thuman, locate_thuman
 from harness.data.thuman_trees import check_thuman, find_thuman
 
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
 
 #: The kind of a user's own licensed copy of THuman.
 _THUMAN = "thuman"
-#: The kind of a user's other scans.
-_SCANS = "scans"
 
 
 def locate_subject(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
@@ -49,8 +46,7 @@ def check_files(
     dataset: Dataset, root: Path, subject: str, sha256: Mapping[str, str]
 ) -> list[FileCheck]:
     """What of a subject is there, by file, compared with checksums where there are any."""
-    if dataset.kind == _SCANS:
+    if dataset.kind != _THUMAN:
         return check_scan(root, subject, sha256=sha256)
-    check = check_thuman if dataset.kind == _THUMAN else check_subject
     needs_fit = "fit" in (dataset.scale, dataset.facing)
-    return check(root, subject, needs_fit=needs_fit, sha256=sha256)
+    return check_thuman(root, subject, needs_fit=needs_fit, sha256=sha256)

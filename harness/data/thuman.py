@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.data.file_checks import FileCheck, check_file
 
 #: Below the root: THuman 2.1 as its users quote it, THuman 2.0, and a copy one level down.
 _SCAN_PLACES = ("model/{id}/{id}.obj", "{id}/{id}.obj", "*/model/{id}/{id}.obj", "*/{id}/{id}.obj")
@@ -68,22 +66,3 @@ def find_subject(root: Path, subject: str) -> SubjectFiles:
         body=beside["body"] if beside["body"].is_file() else None,
         labels=beside["labels"] if beside["labels"].is_file() else None,
     )
-
-
-def check_subject(
-    root: Path, subject: str, *, needs_fit: bool, sha256: Mapping[str, str]
-) -> list[FileCheck]:
-    """What of a subject is there, by file, compared with checksums where the manifest has them."""
-    mesh = _first(root, _SCAN_PLACES, subject)
-    expected_folder = Path("model") / subject
-    if mesh is None:
-        return [
-            FileCheck(str(expected_folder / name), "missing")
-            for name in (f"{subject}.obj", "material0.mtl", "material0.jpeg")
-        ] + ([FileCheck(f"smplx/{subject}/smplx_param.pkl", "missing")] if needs_fit else [])
-    files = [mesh, mesh.with_name("material0.mtl"), mesh.with_name("material0.jpeg")]
-    if needs_fit:
-        files.append(
-            _first(root, _FIT_PLACES, subject) or root / f"smplx/{subject}/smplx_param.pkl"
-        )
-    return [check_file(path, root, sha256) for path in files]

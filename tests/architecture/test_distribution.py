@@ -66,7 +66,7 @@ def test_the_top_level_holds_what_the_design_names() -> None:
     named = PACKAGES | {
         ".ci", ".gitattributes", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff",
         "CONTRIBUTING.md", "LICENSE", "README.md", "constraints.txt", "data_manifest.yaml", "docs",
-        "examples", "pyproject.toml", "tests",
+        "examples", "packages", "pyproject.toml", "tests",
     }  # fmt: skip
 
     assert {path.relative_to(ROOT).parts[0] for path in tracked()} - named == set()

@@ -11,7 +11,6 @@ from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
-from harness.data.avatars import avatar_sheet
 from harness.geometry.images import save_png
 from harness.pipeline.executors.local import Local
 from harness.pipeline.executors.task import Answer, Executor, Task
@@ -215,7 +214,8 @@ def show_avatar(source: Source, path: Path, progress: Progress, reason: str = ""
     outcome = make_avatars(source, 1, Silent())[0]
     if outcome.failure:
         raise HarnessError(outcome.failure)
-    save_png(path, avatar_sheet(source.avatar_directory(outcome.subject), outcome.subject))
+    directory = source.avatar_directory(outcome.subject)
+    save_png(path, source.generator.sheet(outcome.subject, directory))
     return path
 
 

@@ -31,6 +31,7 @@ def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, st
         except MissingPart as error:
             state = f"not set up: {error.hint}"
         datasets[name] = f"{dataset.title} ({dataset.licence}): {state}"
+    datasets |= {name: f"cannot be used: {error}" for name, error in manifest.unusable.items()}
     return {
         "datasets": datasets,
         "splits": {

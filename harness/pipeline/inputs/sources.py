@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,12 +10,12 @@ from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
-from harness.core.files.atomic import exclusive_lock, read_json, remove_leftovers
+from harness.core.files.atomic import exclusive_lock, remove_leftovers
 from harness.core.mesh import Mesh
 from harness.core.process.differences import listed_differences
 from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
-from harness.data.avatars import AVATARS_VERSION, make_avatar, recipe_for
+from harness.data.generators import Generator, generator
 from harness.data.manifest import Manifest, load_manifest
 from harness.data.subjects import fit_of, load_subject, locate_subject
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
@@ -77,6 +76,15 @@ class Source:
         return self.manifest.datasets[self.name].kind == "generated"
 
     @property
+    def generator(self) -> Generator:
+        """Who makes the subjects.
+
+        Raises:
+            MissingPart: its package is not installed.
+        """
+        return generator(self.manifest.datasets[self.name].generator)
+
+    @property
     def is_imported(self) -> bool:
         """Whether the subjects are imported photos, without scans."""
         return self.manifest.datasets[self.name].kind == "captures"
@@ -119,25 +127,19 @@ class Source:
         return self.root() / "model" / subject
 
     def avatar_is_current(self, subject: str) -> bool:
-        """Whether a generated subject is there, made by this generator from the recipe that its id
-        has now, with the same noise.
-        """
-        mark = self.avatar_directory(subject) / "avatar.json"
-        made = read_json(mark) if mark.is_file() else {}
-        return (made.get("version"), made.get("scan_noise_mm", 0.0)) == (
-            AVATARS_VERSION,
-            self._scan_noise_mm,
-        ) and made.get("recipe") == json.loads(json.dumps(recipe_for(subject).as_dict()))
+        """Whether a generated subject is there as its generator would make it now."""
+        return self.generator.is_current(
+            subject, self.avatar_directory(subject), self._scan_noise_mm
+        )
 
     def make_avatar(self, subject: str) -> bool:
         """Make a generated subject unless it is there already; whether it was made now."""
-        recipe = recipe_for(subject)
         directory = self.avatar_directory(subject)
         with exclusive_lock(directory.parent / f".{subject}.lock"):
             if self.avatar_is_current(subject):
                 return False
             remove_leftovers(directory)
-            make_avatar(recipe, directory, self._scan_noise_mm)
+            self.generator.make(subject, directory, self._scan_noise_mm)
         return True
 
     def locate(self, subject: str) -> Scan:

@@ -12,7 +12,6 @@ from harness.core.array_files.npz import MOST_NPZ_BYTES
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_text
 from harness.core.files.hashing import file_sha256
-from harness.data.avatars import AVATARS_VERSION, is_for_training
 from harness.pipeline.inputs.sealed import refuse
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.progress import Progress
@@ -160,7 +159,7 @@ def train_normals(request: TrainingRequest, progress: Progress) -> TrainingResul
         start=sha256,
         trained=_by_dataset((part.dataset, part.training) for part in split),
         judged=judging,
-        datasets_version=AVATARS_VERSION,
+        datasets_version=_generators_version(request.sources),
         curve=trained.looks,
         blend=blend,
         fold_gain=request.fold_gain,
@@ -186,6 +185,11 @@ def _licences_of_scans(sources: Sequence[Source]) -> dict[str, str]:
         for source in sources
         if not source.is_generated
     }
+
+
+def _generators_version(sources: Sequence[Source]) -> int:
+    """Version of the generated people; 0 if there are none."""
+    return max((source.generator.version for source in sources if source.is_generated), default=0)
 
 
 def _first_weights(start: Path, part: NetworkPart) -> dict[str, Tensor]:
@@ -252,8 +256,10 @@ def _check_request(request: TrainingRequest) -> None:
 
 def _refuse_tested(source: Source) -> None:
     """Refuse generated people that methods are tested on."""
-    tested = [subject for subject in source.subjects if not is_for_training(subject)]
-    if source.is_generated and tested:
+    if not source.is_generated:
+        return
+    allowed = source.generator.is_for_training
+    if tested := [subject for subject in source.subjects if not allowed(subject)]:
         raise HarnessError(
             f"subject '{tested[0]}' of '{source.name}' is one that methods are tested on",
             expected="subjects that are made for training, such as t00001",
@@ -316,8 +322,8 @@ def _about(request: TrainingRequest, sittings: Sequence[Sitting]) -> dict[str, s
     for sitting in sittings:
         for dataset, subjects in sitting.trained.items():
             seen.setdefault(dataset, set()).update(subjects)
-    generated = any(source.is_generated for source in request.sources)
-    version = f", version {AVATARS_VERSION}" if generated else ""
+    newest = _generators_version(request.sources)
+    version = f", version {newest}" if newest else ""
     scans = {name: licence for each in sittings for name, licence in each.scans.items()}
     licences = dict.fromkeys([*scans.values(), *([_OURS] if seen.keys() - scans.keys() else [])])
     return {

@@ -180,12 +180,12 @@ _ORIGINS = (
     ),
     (
         "garments, hair, shoes",
-        "`harness/data/avatars`: cut by code from the body, draped by Blender's cloth solver",
+        "`packages/clothed-avatars`: cut by code from the body, draped by Blender's cloth solver",
         "CC0-1.0",
     ),
     (
         "textures and prints",
-        "`harness/data/avatars/skin`, `harness/pipeline/training/prints.py`: drawn by code",
+        "`packages/clothed-avatars`, `harness/pipeline/training/prints.py`: drawn by code",
         "CC0-1.0",
     ),
     (
@@ -228,13 +228,14 @@ def provenance(name: str, sittings: Sequence[Sitting]) -> str:
         judged = "; ".join(f"{name} {spans(ids)}" for name, ids in sitting.judged.items())
         count = sum(len(ids) for ids in sitting.trained.values())
         start = f"the network of sha256 `{sitting.start}`" if sitting.start else "random weights"
+        version = f" (version {sitting.datasets_version})" if sitting.datasets_version else ""
         what = _PARTS[sitting.part]
         what += f" The steps were done by one {sitting.device}." if sitting.device else ""
         parts += [
             f"## Sitting {number}\n",
             f"```sh\n{sitting.command}\n```\n",
-            f"It started from {start} and saw {count} subjects: {trained} (version "
-            f"{sitting.datasets_version}). These only judged: {judged}.{what}\n",
+            f"It started from {start} and saw {count} subjects: {trained}{version}. "
+            f"These only judged: {judged}.{what}\n",
         ]
         given = "first answers" if sitting.part is NetworkPart.SECOND else "bodies"
         parts.append(_curve(sitting.curve, given))

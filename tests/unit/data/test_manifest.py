@@ -166,16 +166,6 @@ def test_the_users_folder_comes_from_the_environment(monkeypatch, tmp_path):
     assert manifest.root("avatars", tmp_path) == tmp_path / "data/avatars"
 
 
-def test_the_listed_classes_are_those_of_the_generator():
-    from harness.data.avatars import recipe_for, subject_ids
-
-    avatars = load_manifest(SHIPPED).datasets["avatars"]
-    assert avatars.subjects == subject_ids()
-    for subject, listed in avatars.classes.items():
-        recipe = recipe_for(subject)
-        assert (listed.clothing, listed.pose) == (recipe.clothing, recipe.pose), subject
-
-
 def test_training_subjects_are_a_range_apart_from_the_test_subjects():
     manifest = load_manifest(SHIPPED)
     training = manifest.datasets["avatars-train"].subjects

@@ -15,7 +15,8 @@ from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.data.manifest import Dataset
 from harness.data.scans import load_scan, load_world_mesh, locate_scan
-from harness.data.thuman import check_subject, find_subject
+from harness.data.thuman import find_subject
+from harness.data.thuman_trees import check_thuman
 
 FIT_SCALE = 0.4335
 
@@ -131,7 +132,7 @@ def test_identity_follows_content_and_rule_not_place(tmp_path):
 def test_check_tells_present_missing_and_corrupt(tmp_path):
     write_scan(tmp_path / "model/0001", "0001", wedge(1.7))
     (tmp_path / "model/0001/material0.mtl").write_bytes(b"")
-    checks = check_subject(
+    checks = check_thuman(
         tmp_path, "0001", needs_fit=True, sha256={"model/0001/0001.obj": "0" * 64}
     )
     states = {Path(check.path).name: (check.state, check.note) for check in checks}
@@ -140,7 +141,7 @@ def test_check_tells_present_missing_and_corrupt(tmp_path):
     assert states["material0.mtl"] == ("corrupt", "empty file")
     assert states["material0.jpeg"] == ("present", "")
     assert states["smplx_param.pkl"] == ("missing", "")
-    assert {c.state for c in check_subject(tmp_path, "9", needs_fit=True, sha256={})} == {"missing"}
+    assert {c.state for c in check_thuman(tmp_path, "9", needs_fit=True, sha256={})} == {"missing"}
 
 
 def test_a_scan_in_its_own_units_is_neither_scaled_nor_centred_nor_turned(tmp_path):

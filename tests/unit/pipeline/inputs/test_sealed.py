@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from clothed_avatars.build import AVATARS_VERSION
+from clothed_avatars.recipe import recipe_for
 from harness.core.errors import HarnessError
 from harness.core.records import Environment
-from harness.data.avatars import AVATARS_VERSION, recipe_for
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs import captures, environment, sealed
 from harness.pipeline.inputs.captures import make_avatars, render_all, show_avatar

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from clothed_avatars.clothes import wardrobe
+from clothed_avatars.skin.bake import _REGIONS
 from harness.core.results import RegionErrors
-from harness.data.avatars.clothes import wardrobe
-from harness.data.avatars.skin.bake import _REGIONS
 from harness.pipeline.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
