@@ -42,8 +42,6 @@ from clothed_avatars.writer import TexturedMesh, write_avatar
 from harness.core.files.hashing import derive_seed
 from harness.core.process.steps import StepReport
 
-__all__ = ["AVATARS_VERSION", "TEXTURE_SIZE", "drape_recipe", "make_avatar"]
-
 AVATARS_VERSION = 9
 """Changes whenever any output does. What changes only for clothes that crease is in ``Worn``."""
 

@@ -10,8 +10,6 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.geometry.topology import edges_of
 
-__all__ = ["check_avatar", "check_frame"]
-
 _FRAME_PX = (1080, 1920)
 _HEIGHT_M = (1.45, 2.0)
 

@@ -22,8 +22,6 @@ from harness.core.errors import MethodError
 from harness.core.files.hashing import derive_seed
 from harness.core.process.steps import StepReport
 
-__all__ = ["MOST_CROSSING", "Creased", "creased"]
-
 MOST_CROSSING = 0.02
 """A subject is refused if more of a garment's edges pass through it: its drape has collapsed."""
 

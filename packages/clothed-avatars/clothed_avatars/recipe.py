@@ -34,8 +34,6 @@ from clothed_avatars.subjects.written import SUBJECTS, Subject
 from harness.core.errors import DataError, did_you_mean
 from harness.core.files.hashing import derive_seed
 
-__all__ = ["AvatarRecipe", "is_for_training", "recipe_for", "subject_ids"]
-
 
 @dataclass(frozen=True)
 class AvatarRecipe:

@@ -14,8 +14,6 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
 
-__all__ = ["avatar_sheet"]
-
 _VIEW_PX = (324, 576)
 _PAPER = 0.97
 _CLAY: Floats = np.array([0.66, 0.66, 0.70])

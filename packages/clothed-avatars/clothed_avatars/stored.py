@@ -19,8 +19,6 @@ from clothed_avatars.recipe import AvatarRecipe
 from harness.core.array_files.npz import read_required_arrays, write_npz
 from harness.core.files.hashing import content_hash
 
-__all__ = ["DRAPE_VERSION", "drape_key", "load_drape", "save_drape"]
-
 DRAPE_VERSION = 1
 """Changes whenever cutting or draping gives another shape for the same recipe."""
 

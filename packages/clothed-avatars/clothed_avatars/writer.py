@@ -12,8 +12,6 @@ import numpy as np
 from clothed_avatars.mesh.quads import Floats, Ints
 from harness.core.files.atomic import atomic_directory
 
-__all__ = ["TexturedMesh", "write_avatar"]
-
 _LICENSE = """\
 This avatar was generated. It shows no real person.
 

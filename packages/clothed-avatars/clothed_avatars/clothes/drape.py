@@ -23,8 +23,6 @@ from harness.core.errors import MethodError
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 
-__all__ = ["DrapeCheck", "Draped", "Draping", "drape"]
-
 _WORKER = "clothed_avatars.clothes.drape_worker"
 _CLEAR_M = 0.004
 _FREE_M = 0.45

@@ -7,8 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ClothFabric", "DrapeJob", "GarmentJob"]
-
 
 @dataclass(frozen=True, slots=True)
 class ClothFabric:

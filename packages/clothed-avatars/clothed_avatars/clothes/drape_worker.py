@@ -18,8 +18,6 @@ from clothed_avatars.clothes.drape_job import ClothFabric, DrapeJob
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 
-__all__ = ["drape"]
-
 _STIFFNESS = {"tension": 15.0, "compression": 10.0, "shear": 5.0}
 _DAMPING = {"tension": 10.0, "compression": 10.0, "shear": 5.0, "bending": 0.5}
 _VERTEX_MASS_KG = 0.25

@@ -10,8 +10,6 @@ from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix, grid
 from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
 from clothed_avatars.people.landmarks import heights
 
-__all__ = ["collar", "shoes"]
-
 
 def _hull(points: Floats) -> tuple[Floats, Ints]:
     """The convex hull as triangles that face outward."""

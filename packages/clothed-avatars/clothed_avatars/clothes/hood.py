@@ -10,8 +10,6 @@ from clothed_avatars.mesh.quads import Floats, grid
 from clothed_avatars.people.body import AvatarBody, PosedAvatar, carry
 from clothed_avatars.people.landmarks import falling_weights, head_place, ramp
 
-__all__ = ["raised_hood"]
-
 #: Half width of the hood, and how far it stands off the crown and the back of the head, metres.
 _HALF_WIDTH_M, _ABOVE_M, _BEHIND_M = 0.112, 0.040, 0.045
 #: Rows over the head and below it, and columns from one edge of the opening to the other.

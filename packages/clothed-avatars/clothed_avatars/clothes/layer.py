@@ -9,8 +9,6 @@ import numpy as np
 from clothed_avatars.mesh.nearness import Nearness
 from clothed_avatars.mesh.quads import Floats, Ints, border_loops, refine, triangles
 
-__all__ = ["Layer", "cloth_layer", "merge"]
-
 
 @dataclass(frozen=True)
 class Layer:

@@ -11,18 +11,6 @@ import numpy as np
 from clothed_avatars.clothes import wardrobe
 from clothed_avatars.clothes.wardrobe import Bottom, Colour, Fabric, Hair, Shoes, Top
 
-__all__ = [
-    "CREASED_TEST_PALETTE",
-    "SEALED_PALETTE",
-    "TRAINING_PALETTE",
-    "Palette",
-    "draw_bottom",
-    "draw_hair",
-    "draw_shoes",
-    "draw_top",
-    "one_of",
-]
-
 
 @dataclass(frozen=True)
 class Palette:

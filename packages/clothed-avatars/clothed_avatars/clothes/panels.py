@@ -10,8 +10,6 @@ from clothed_avatars.mesh.quads import Floats, Ints, grid
 from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody
 from clothed_avatars.people.landmarks import trunk_axis
 
-__all__ = ["Tube", "hang"]
-
 _ROW_M = 0.013
 _CLEAR_M = 0.02
 _STEP_OUT_M = 0.006

@@ -28,8 +28,6 @@ from clothed_avatars.people.landmarks import Heights, Places, heights, places, r
 from harness.core.errors import DataError
 from harness.geometry.topology import pieces_of
 
-__all__ = ["Piece", "cut_bottom", "cut_top"]
-
 _LEVELS = 1
 _EASE_M = 0.010
 _CLEAR_M = 0.006

@@ -7,26 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-__all__ = [
-    "Bottom",
-    "Colour",
-    "Fabric",
-    "Hair",
-    "Shoes",
-    "Top",
-    "coat",
-    "dress",
-    "hooded_sweater",
-    "jacket",
-    "long_sleeved",
-    "loose_shirt",
-    "shorts",
-    "skirt",
-    "straight_trousers",
-    "t_shirt",
-    "wide_trousers",
-]
-
 Colour = tuple[int, int, int]
 
 

@@ -8,8 +8,6 @@ from types import MappingProxyType
 
 from clothed_avatars.clothes.wardrobe import Fabric
 
-__all__ = ["WEAVES", "Weave", "Worn", "woven"]
-
 
 @dataclass(frozen=True)
 class Weave:

@@ -16,8 +16,6 @@ from clothed_avatars.mesh.faces import connected, neighbours
 from clothed_avatars.mesh.quads import Floats, Ints
 from harness.core.errors import DataError
 
-__all__ = ["Atlas", "Texels", "rasterize", "unwrap"]
-
 _DIRECTIONS: Floats = np.concatenate([np.eye(3), -np.eye(3)])
 _SMOOTHING_ROUNDS = 12
 _NEIGHBOUR_WEIGHT = 0.35

@@ -10,8 +10,6 @@ from harness.core.arrays import Ints
 from harness.core.errors import DataError
 from harness.geometry.topology import components, edges_of
 
-__all__ = ["connected", "neighbours", "without_islands"]
-
 
 def neighbours(faces: Ints) -> Ints:
     """(F,3) the face across each side of each face of a closed surface."""

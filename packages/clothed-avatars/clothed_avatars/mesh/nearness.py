@@ -8,8 +8,6 @@ import numpy as np
 
 from clothed_avatars.mesh.quads import Floats, Ints, relax, triangles
 
-__all__ = ["Nearness", "keep_off", "pushed_off"]
-
 _CHUNK = 1_000_000
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from clothed_avatars.mesh.quads import Floats
 
-__all__ = ["folds", "smooth_noise"]
-
 _LATTICE = 24
 
 

@@ -12,23 +12,6 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask
 from harness.geometry.topology import edges_of, half_edges
 
-__all__ = [
-    "Floats",
-    "Ints",
-    "SparseMatrix",
-    "border_loops",
-    "compact",
-    "grid",
-    "neighbour_means",
-    "on_border",
-    "refine",
-    "relax",
-    "relax_border",
-    "subdivision",
-    "triangles",
-    "vertex_normals",
-]
-
 SparseMatrix: TypeAlias = Any
 """A scipy.sparse matrix in CSR form; scipy does not type it."""
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from clothed_avatars.mesh.quads import Floats, Ints, neighbour_means, on_border, subdivision
 
-__all__ = ["rounded", "smooth_quads"]
-
 _SPACING_M = 0.006
 _MOST_LEVELS = 4
 _EVENINGS = 2

@@ -7,8 +7,6 @@ import numpy as np
 from clothed_avatars.mesh.quads import Floats, Ints, vertex_normals
 from harness.core.units import MM_PER_METRE
 
-__all__ = ["scanned"]
-
 #: Rounds of averaging over neighbours: bumps some three edges wide, as fused depth maps leave them.
 _ROUNDS = 2
 

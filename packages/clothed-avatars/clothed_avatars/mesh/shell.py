@@ -20,8 +20,6 @@ from harness.core.arrays import Ints32
 from harness.core.errors import DataError
 from harness.geometry.topology import components, edges_of
 
-__all__ = ["Shell", "cap", "outer_shell"]
-
 _COARSE = 2
 _PAD_M = 0.06
 _FAR_M = 1.0

@@ -20,15 +20,6 @@ from harness.core.errors import MissingPart
 from harness.core.files.atomic import exclusive_lock
 from harness.core.truth import OFF_MODEL
 
-__all__ = [
-    "SKIN_VERTICES",
-    "AvatarBody",
-    "PosedAvatar",
-    "carry",
-    "mask_image",
-    "reference_body",
-]
-
 SKIN_VERTICES = 13380
 """MakeHuman's base mesh: the first vertices are the skin, the others helpers."""
 

@@ -19,8 +19,6 @@ from clothed_avatars.people.landmarks import heights, places, ramp, trunk_axis
 from clothed_avatars.people.shape import Deformation
 from harness.core.files.hashing import derive_seed
 
-__all__ = ["deformed_body", "free_share", "skin_areas"]
-
 _HELD = ("neck", "head", "eye", "wrist", "finger", "metacarpal", "foot", "toe")
 _GIRTHS = ("upperarm", "lowerarm", "upperleg", "lowerleg", "clavicle", "spine", "pelvis")
 _GIRTH_SHARE = 0.6

@@ -12,18 +12,6 @@ import numpy as np
 from clothed_avatars.mesh.quads import Floats, SparseMatrix
 from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody
 
-__all__ = [
-    "HeadPlace",
-    "Heights",
-    "Places",
-    "falling_weights",
-    "head_place",
-    "heights",
-    "places",
-    "ramp",
-    "trunk_axis",
-]
-
 _CHAINS = {
     "arm": ("upperarm01", "lowerarm01", "wrist"),
     "leg": ("upperleg01", "lowerleg01", "foot"),

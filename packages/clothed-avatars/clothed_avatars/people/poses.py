@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from clothed_avatars.people.body import AvatarBody
 
-__all__ = ["POSES", "Limb", "Pose", "joint_rotations", "limb_direction", "trunk_rotation"]
-
 Degrees = tuple[float, float, float]
 _CHAINS = {
     "arm": (("upperarm01", "lowerarm01"), ("lowerarm01", "wrist")),

@@ -17,8 +17,6 @@ from clothed_avatars.mesh.quads import Floats
 from clothed_avatars.people.poses import Limb, Pose, limb_direction, trunk_rotation
 from harness.core.errors import DataError
 
-__all__ = ["KINDS", "Figure", "draw_pose", "is_possible", "mirrored", "pose_distance_deg"]
-
 _ATTEMPTS = 20_000
 _FRAME_RADIUS_M = 0.52
 """How far fingertips may be from the middle: the paper's views cut at 0.59, clothes included."""

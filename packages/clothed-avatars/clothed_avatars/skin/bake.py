@@ -15,8 +15,6 @@ from clothed_avatars.mesh.quads import Floats, Ints
 from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody
 from clothed_avatars.skin.paint import Appearance, Painter
 
-__all__ = ["TEXTURE_SIZE", "bake", "face_labels", "face_owners"]
-
 TEXTURE_SIZE = 2048
 _LEAST_FACES = 150
 _REGIONS = (

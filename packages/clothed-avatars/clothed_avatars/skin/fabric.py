@@ -12,8 +12,6 @@ from clothed_avatars.mesh.quads import Floats
 from clothed_avatars.people.body import AvatarBody
 from clothed_avatars.people.landmarks import trunk_axis
 
-__all__ = ["band", "cloth_colour", "mix"]
-
 _HEM_M = 0.02
 _FRONT_M = 0.10
 """How far before the spine the front of the chest begins."""

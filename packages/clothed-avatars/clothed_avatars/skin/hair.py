@@ -19,8 +19,6 @@ from clothed_avatars.mesh.quads import (
 from clothed_avatars.people.body import AvatarBody, PosedAvatar, carry
 from clothed_avatars.people.landmarks import HeadPlace, falling_weights, head_place
 
-__all__ = ["grow_hair"]
-
 # The hairline: elevation over the head's centre (degrees) at compass directions from the front.
 _HAIRLINE_DEG = ([0, 25, 50, 75, 90, 105, 125, 180], [44, 42, 32, 14, 14, 2, -22, -38])
 _CROWN = np.array([0.0, 0.8, -0.6])

@@ -14,8 +14,6 @@ from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody, mask_image
 from clothed_avatars.skin.fabric import band, cloth_colour, mix
 from harness.core.files.hashing import derive_seed
 
-__all__ = ["Appearance", "Painter", "painters", "skin_masks"]
-
 Painter = Callable[[Floats], Floats]
 """Places (N,5), see ``Layer``, to colours (N,3), 0 to 255."""
 

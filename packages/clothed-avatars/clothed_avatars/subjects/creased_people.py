@@ -27,13 +27,6 @@ from clothed_avatars.subjects.populations import draw_subject, written_and_seale
 from clothed_avatars.subjects.written import Subject
 from harness.core.files.hashing import derive_seed
 
-__all__ = [
-    "CREASED_TRAINING_ID",
-    "creased_test_ids",
-    "creased_test_subject",
-    "creased_training_subject",
-]
-
 CREASED_TRAINING_ID = re.compile(r"v\d{5}")
 
 _REVISION = 1

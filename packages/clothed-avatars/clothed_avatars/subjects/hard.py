@@ -26,8 +26,6 @@ from clothed_avatars.clothes.weaves import Worn, woven
 from clothed_avatars.people.poses import Limb, Pose
 from clothed_avatars.subjects.written import Person, Subject
 
-__all__ = ["HARD_SUBJECTS"]
-
 _REVISION = 1
 """Changes whenever the same list gives other shapes."""
 

@@ -31,18 +31,6 @@ from clothed_avatars.people.shape import Deformation
 from clothed_avatars.subjects.written import Person, Subject
 from harness.core.files.hashing import derive_seed
 
-__all__ = [
-    "LEAST_POSE_DISTANCE_DEG",
-    "USUAL_HEIGHT",
-    "USUAL_WEIGHT",
-    "WIDE_TRAINING_ID",
-    "draw_subject",
-    "sealed_ids",
-    "sealed_subject",
-    "wide_training_subject",
-    "written_and_sealed_poses",
-]
-
 WIDE_TRAINING_ID = re.compile(r"u\d{5}")
 LEAST_POSE_DISTANCE_DEG = 18.0
 """Between sealed poses and all that are written, and between wide training's and both."""

@@ -23,8 +23,6 @@ from clothed_avatars.people.poses import POSES
 from clothed_avatars.subjects.written import Person, Subject
 from harness.core.files.hashing import derive_seed
 
-__all__ = ["TRAINING_ID", "training_subject"]
-
 TRAINING_ID = re.compile(r"t\d{5}")
 
 

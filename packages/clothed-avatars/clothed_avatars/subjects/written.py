@@ -29,8 +29,6 @@ from clothed_avatars.clothes.weaves import Worn
 from clothed_avatars.people.poses import Pose
 from clothed_avatars.people.shape import Deformation
 
-__all__ = ["SUBJECTS", "Person", "Subject"]
-
 
 @dataclass(frozen=True)
 class Person:

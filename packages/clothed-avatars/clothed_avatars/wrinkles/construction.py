@@ -14,8 +14,6 @@ from clothed_avatars.mesh.quads import Floats, Ints
 from clothed_avatars.people.body import AvatarBody
 from clothed_avatars.people.landmarks import Heights, heights, ramp, trunk_axis
 
-__all__ = ["Construction", "Pocket", "draw_construction", "relief"]
-
 _STEP_M = 0.004
 _STITCH_M, _STITCH_IN_M = 0.0007, 0.005
 """Height of the ridge along a sewn edge, and how far inside the edge it runs."""

@@ -10,8 +10,6 @@ from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix, triangles
 from harness.core.arrays import Mask
 from harness.geometry.topology import edges_of
 
-__all__ = ["crossing_share", "crossing_vertices", "uncrossed"]
-
 _END = 0.02
 """Share of an edge's length at either end that does not count: its neighbours touch it there."""
 _ROUNDS = 3

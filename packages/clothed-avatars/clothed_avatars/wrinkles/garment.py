@@ -33,8 +33,6 @@ from clothed_avatars.wrinkles.ridges import ridges
 from clothed_avatars.wrinkles.surplus import Sewn, Tailoring, surplus_of_edges
 from harness.core.arrays import Mask
 
-__all__ = ["Wrinkled", "wrinkled"]
-
 _LEVELS = 3
 _STEPS = (250, 160, 60)
 _GAP_M = 0.003

@@ -16,8 +16,6 @@ from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix, neighbour_mea
 from harness.core.arrays import Mask
 from harness.geometry.topology import edges_of
 
-__all__ = ["Contact", "Held", "Springs", "Steps", "contacts", "relaxed", "springs"]
-
 _STEP = 0.45
 _MOMENTUM = 0.85
 _KEEP = 0.9995

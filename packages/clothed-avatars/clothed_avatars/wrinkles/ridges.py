@@ -12,8 +12,6 @@ import numpy as np
 from clothed_avatars.mesh.quads import Floats
 from clothed_avatars.wrinkles.relaxation import Springs
 
-__all__ = ["ridges", "surplus_of_vertices"]
-
 _ALONG = 0.75
 """Reach of the diffusion along ridges, as a share of the folds' width."""
 _LEAST = 0.006

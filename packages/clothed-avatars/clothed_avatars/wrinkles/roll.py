@@ -14,8 +14,6 @@ from clothed_avatars.wrinkles.relaxation import Held, Steps, contacts, relaxed, 
 from clothed_avatars.wrinkles.ridges import ridges
 from clothed_avatars.wrinkles.surplus import creases
 
-__all__ = ["COLLAR", "HOOD", "Rumple", "rumpled"]
-
 _GAP_M = 0.003
 
 

@@ -20,8 +20,6 @@ from clothed_avatars.people.body import AvatarBody
 from clothed_avatars.people.landmarks import Heights, heights, ramp
 from clothed_avatars.wrinkles.construction import Construction
 
-__all__ = ["Sewn", "Tailoring", "creases", "surplus_of_edges"]
-
 _LIMB, _TRUNK, _AROUND = 0.065, 0.035, 0.006
 _JOINT, _END, _PULL = 0.14, 0.16, 0.09
 _HANGING = 0.12
