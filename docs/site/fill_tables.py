@@ -35,8 +35,9 @@ _FILES = ("--records", "--before")
 
 
 def pages_with_tables(root: Path = ROOT) -> list[Path]:
-    """The README and the pages of ``docs/`` that have a mark, in the order of their names."""
-    pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+    """The README, pages and lab notes that have a mark, in the order of their names."""
+    docs = root / "docs"
+    pages = [root / "README.md", *sorted(docs.glob("*.md")), *sorted((docs / "lab").glob("*.md"))]
     return [page for page in pages if _PLACE.search(page.read_text(encoding="utf-8"))]
 
 

@@ -13,7 +13,7 @@ from methods.normals.installed import OPEN_NETWORK
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "methods" / "normals" / "weights"
 CARD = (ROOT / "docs" / "model_card.md").read_text(encoding="utf-8")
-RESULTS = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+RESULTS = (ROOT / "docs" / "lab" / "results.md").read_text(encoding="utf-8")
 TITLES = {"mexecon+": "MExECON+, N views"}
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import harness
 from harness.core.records import Environment
 
-SEALED_LOG = "docs/sealed.md"
+SEALED_LOG = "docs/lab/sealed.md"
 """Where a checkout logs looks at sealed data; a new line in it changes no number."""
 
 _PACKAGES = ("numpy", "scipy", "open3d", "scikit-image", "torch", "bpy", "anny", "mediapipe",

@@ -94,9 +94,7 @@ def refuse(manifest: Manifest, dataset: str, purpose: str) -> None:
 
 
 def log_path(workspace: Workspace) -> Path:
-    """``docs/sealed.md`` of the source checkout; ``sealed.md`` in the workspace where there is no
-    checkout.
-    """
+    """``docs/lab/sealed.md`` of a source checkout; in the workspace where there is no checkout."""
     source = checkout()
     return workspace.root / Path(SEALED_LOG).name if source is None else source / SEALED_LOG
 

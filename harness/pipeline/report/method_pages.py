@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
-from harness.core.protocols import MethodInfo
+from harness.core.protocols import Deviation, MethodInfo
 
 _WIDTH = 100
 
@@ -34,40 +34,41 @@ def text_page(info: MethodInfo) -> str:
 
 
 def markdown_pages(infos: Sequence[MethodInfo]) -> str:
-    """All methods as one Markdown document: a table, then settings and deviations of each."""
+    """All methods as one Markdown document: what they see and use, then each deviation once."""
     lines = [
         "# Methods",
         "",
-        "Written by `harness methods docs`; `harness methods show NAME` prints one of them.",
+        "Written by `harness methods docs`; `harness methods show NAME` prints one with its "
+        "settings.",
         "",
-        "| name | title | views | given beyond pixels | deviations |",
-        "|---|---|---|---|---:|",
+        "| name | title | views | parts | given beyond pixels | deviations |",
+        "|---|---|---|---|---|---:|",
     ]
+    of: dict[Deviation, list[str]] = {}
     for info in infos:
         given = ", ".join(privilege.label for privilege in info.privileges)
-        cells = (f"`{info.name}`", info.title, _views(info), given, str(len(info.deviations)))
-        lines.append(f"| {' | '.join(cells)} |")
-    for info in infos:
-        lines += ["", *_markdown_page(info)]
+        parts = "; ".join(text for _, text in _parts(info))
+        cells = (info.title, _views(info), parts, given, str(len(info.deviations)))
+        lines.append(f"| `{info.name}` | {' | '.join(cells)} |")
+        for deviation in info.deviations:
+            of.setdefault(deviation, []).append(f"`{info.name}`")
+    lines += ["", "## Deviations from the publications", "", *_deviations(of)]
     return "\n".join(lines) + "\n"
 
 
-def _markdown_page(info: MethodInfo) -> Iterator[str]:
-    yield f"## `{info.name}`: {info.title}"
-    yield ""
-    parts = "; ".join(f"{role} {text}" for role, text in _parts(info))
-    yield f"Views: {_views(info)}. Parts: {parts or 'none'}."
-    yield ""
-    if settings := [f"`{path}={value}`" for path, value in _settings(info.parameters)]:
-        yield f"Settings: {', '.join(settings)}."
+def _deviations(of: Mapping[Deviation, Sequence[str]]) -> Iterator[str]:
+    """A table for each set of methods, so that what they share is said once."""
+    groups: dict[tuple[str, ...], list[Deviation]] = {}
+    for deviation, names in of.items():
+        groups.setdefault(tuple(names), []).append(deviation)
+    for names, deviations in groups.items():
+        yield f"### Of {', '.join(names)}"
         yield ""
-    if info.deviations:
         yield "| deviation | published | here | why |"
         yield "|---|---|---|---|"
-        for entry in info.deviations:
+        for entry in deviations:
             yield f"| {entry.what} | {entry.published} | {entry.here} | {entry.why} |"
-    else:
-        yield "Carries no publication's name."
+        yield ""
 
 
 def _views(info: MethodInfo) -> str:

@@ -119,22 +119,22 @@ def test_looks_at_the_same_time_are_all_logged(manifest, place):
 
 def test_a_checkout_logs_in_its_documents_and_stays_clean_for_it(tmp_path, monkeypatch):
     folder = tmp_path / "checkout"
-    (folder / "docs").mkdir(parents=True)
-    (folder / "docs" / "sealed.md").write_text("log\n")
+    (folder / "docs" / "lab").mkdir(parents=True)
+    (folder / "docs" / "lab" / "sealed.md").write_text("log\n")
     git = ["git", "-C", str(folder), "-c", "user.name=a", "-c", "user.email=a@b.c"]
     for command in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "first"]):
         subprocess.run([*git, *command], check=True, capture_output=True)
     monkeypatch.setattr(environment, "checkout", lambda: folder)
     monkeypatch.setattr(sealed, "checkout", lambda: folder)
-    assert log_path(Workspace(tmp_path)) == folder / "docs" / "sealed.md"
-    (folder / "docs" / "sealed.md").write_text("log\none more line\n")
+    assert log_path(Workspace(tmp_path)) == folder / "docs" / "lab" / "sealed.md"
+    (folder / "docs" / "lab" / "sealed.md").write_text("log\none more line\n")
     assert environment._commit().dirty is False
     (folder / "other.py").write_text("x = 1\n")
     assert environment._commit().dirty is True
 
 
 def test_the_documents_end_with_the_table_that_lines_are_added_to():
-    text = (SHIPPED.parent / "docs" / "sealed.md").read_text(encoding="utf-8")
+    text = (SHIPPED.parent / "docs" / "lab" / "sealed.md").read_text(encoding="utf-8")
     head = [line for line in sealed._HEAD.splitlines() if line.startswith("|")]
     assert "\n".join(head) in text
     after = text.split(head[-1])[1].strip().splitlines()
