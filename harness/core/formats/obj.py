@@ -55,7 +55,7 @@ def read_obj(path: Path, *, texture: bool, seams: bool = False) -> Mesh:
         geometry,
         uv=uv[:, :2],
         face_uv=corners.triangles(1, b"vt"),
-        texture=texture_image(path, records.texts(b"mtllib")) if texture else None,
+        texture=texture_image(path) if texture else None,
     )
 
 

@@ -133,7 +133,7 @@ def test_a_textured_file_is_also_plain_geometry(tmp_path: Path) -> None:
     [
         "newmtl a\nKd 1 1 1\nmap_Kd skin.png\nmap_Bump bump.png\n",
         "newmtl a\n\tmap_kd skin.png \r\n",
-        "newmtl a\nmap_Kd -clamp on -s 1 1 1 skin.png\n",
+        "newmtl a\nmap_Kd -clamp off -s 1 1 1 skin.png\n",
         "newmtl a\nmap_Kd skin.png\nnewmtl b\nmap_Kd skin.png\n",
     ],
 )
@@ -173,6 +173,8 @@ def test_a_texture_image_that_is_missing_is_named(tmp_path: Path) -> None:
 
 def test_two_images_are_one_too_many(tmp_path: Path) -> None:
     text = textured(tmp_path, mtl="newmtl a\nmap_Kd skin.png\nnewmtl b\nmap_Kd hair.png\n")
+    text += "usemtl b\nf 1/1 2/2 3/3\n"
+    (tmp_path / "hair.png").write_bytes(b"")
 
     with pytest.raises(DataError, match=r"cannot be textured .*hair.png, skin.png"):
         read(tmp_path, text, texture=True)
