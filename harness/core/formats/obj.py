@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,17 +17,20 @@ from harness.core.arrays import Bytes, Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.formats.mtl import texture_image
+from harness.core.formats.polygons import cut_polygons
 from harness.core.mesh import Mesh
 
 Number = TypeVar("Number", np.float64, np.int64)
 
 _NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"
 #: Whole numbers with this many digits, and 10 to this power, are exact in float64.
-_EXACT_DIGITS = 15
+_EXACT_DIGITS, _MOST_SHOWN = 15, 100
+#: Surfaces that are no polygons, other files, and keywords that only other programs write.
+_REFUSED = (b"surf", b"call", b"fo", b"F", b"V")
 
 
 def read_obj(path: Path, *, texture: bool, seams: bool = False) -> Mesh:
-    """The mesh of an OBJ file; polygons are cut into fans, ``vn`` records are ignored.
+    """The mesh of an OBJ file; polygons become triangles, ``vn`` records are ignored.
 
     Args:
         path: The ``.obj`` file.
@@ -36,45 +41,92 @@ def read_obj(path: Path, *, texture: bool, seams: bool = False) -> Mesh:
         DataError: unreadable numbers, mixed face layouts, several materials or no image although
             a texture is wanted.
     """
-    records = _Records(path.read_bytes())
-    vertices = _numbers(records.lines(b"v"), path, "v")
-    corners = _Corners(records, path)
-    faces = corners.triangles(0, b"v")
-    geometry = Mesh(vertices=vertices[:, :3], faces=faces, source=str(path))
-    has_coordinates = corners.layout in ("v/vt", "v/vt/vn")
-    if not texture and not (seams and has_coordinates):
-        return geometry
-    uv = _numbers(records.lines(b"vt"), path, "vt")
-    if len(uv) == 0 or not has_coordinates:
+    return _ObjFile(path).mesh(texture=texture, seams=seams)
+
+
+def read_obj_colours(path: Path) -> Bytes | None:
+    """(V, 3) uint8 sRGB of the vertices, None if they have no colours: from 0 to 1, or 0 to 255.
+
+    Raises:
+        DataError: other numbers than these after the coordinates.
+    """
+    columns = _ObjFile(path).vertices[:, 3:]
+    width = columns.shape[1]
+    if width in (0, 1):
+        return None
+    whole = 255 if columns.max() > 1 else 1
+    # Seven numbers have a weight before the colour, or an opacity after it.
+    first, last = (columns[:, end] for end in (0, -1))
+    if width == 4 and (first == 1).all() != (last == whole).all():
+        columns = columns[:, 1:] if (first == 1).all() else columns[:, :3]
+        whole = 255 if columns.max() > 1 else 1
+    is_sound = columns.shape[1] == 3 and columns.min() >= 0 and columns.max() <= whole
+    if not is_sound or (whole > 1 and (columns % 1 != 0).any()):
         raise DataError(
-            f"{path} has no texture coordinates",
-            expected="vt records and faces of the form v/vt",
-            got=f"{len(uv)} vt records, faces of the form {corners.layout}",
+            f"{path} has vertices with {width} numbers after x, y, z that are no colours",
+            expected="red, green and blue, all from 0 to 1 or all whole numbers from 0 to 255",
+            got=f"{columns.min():g} to {columns.max():g}",
         )
-    return replace(
-        geometry,
-        uv=uv[:, :2],
-        face_uv=corners.triangles(1, b"vt"),
-        texture=texture_image(path) if texture else None,
-    )
+    return np.round(columns * (255 / whole)).astype(np.uint8)
+
+
+class _ObjFile:
+    """An OBJ file with its vertices (V, 3 or more) and corners."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.records = path, _Records(path.read_bytes())
+        for keyword in _REFUSED:
+            if self.records.are(keyword).any():
+                raise DataError(
+                    f"{path} has '{keyword.decode()}' records, which are not read",
+                    expected="v, vt and f records in small letters, and all of them in this file",
+                    hint="Export it again as a mesh of polygons",
+                )
+        self.vertices = _numbers(self.records.lines(b"v"), path, "v")
+        self.corners = _Corners(self.records, path)
+
+    def mesh(self, *, texture: bool, seams: bool) -> Mesh:
+        corners, path = self.corners, self.path
+        faces = corners.indices(0, b"v")
+        try:
+            cut = cut_polygons(self.vertices[:, :3], faces, corners.counts)
+        except DataError as error:
+            raise error.located(path) from error
+        geometry = Mesh(self.vertices[:, :3], faces[cut], source=str(path))
+        has_coordinates = corners.layout in ("v/vt", "v/vt/vn")
+        if not texture and not (seams and has_coordinates):
+            return geometry
+        uv = _numbers(self.records.lines(b"vt"), path, "vt")
+        if len(uv) == 0 or not has_coordinates:
+            raise DataError(
+                f"{path} has no texture coordinates",
+                expected="vt records and faces of the form v/vt",
+                got=f"{len(uv)} vt records, faces of the form {corners.layout}",
+            )
+        mapped = replace(geometry, uv=uv[:, :2], face_uv=corners.indices(1, b"vt")[cut])
+        return replace(mapped, texture=texture_image(path)) if texture else mapped
 
 
 class _Records:
     """An OBJ file's lines by their keyword, found with array operations instead of one by one."""
 
     def __init__(self, text: bytes) -> None:
+        text = text.removeprefix(codecs.BOM_UTF8)
         if b"\r" in text:
-            text = text.replace(b"\r", b"")
+            text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         if b"\\\n" in text:
             text = text.replace(b"\\\n", b" ")
+        if b"\n " in text or b"\n\t" in text or text[:1].isspace():
+            text = re.sub(rb"^[ \t]+", b"", text, flags=re.MULTILINE)
         self._text: Bytes = np.frombuffer(text if text.endswith(b"\n") else text + b"\n", np.uint8)
         ends = np.flatnonzero(self._text == _NEWLINE) + 1
         self._starts = np.concatenate([[0], ends[:-1]])
         self._lengths = ends - self._starts
+        self._first = self._text[self._starts]
 
     def lines(self, keyword: bytes) -> Bytes:
         """The bytes of all lines of a keyword, which is blanked; each line ends with a newline."""
-        chosen = self._are(keyword)
+        chosen = self.are(keyword)
         lengths = self._lengths[chosen]
         if len(lengths) and chosen[(first := int(np.argmax(chosen))) :][: len(lengths)].all():
             # Usually one block, which is copied faster in one piece.
@@ -94,14 +146,17 @@ class _Records:
 
     def count_before(self, keyword: bytes, later: bytes) -> Ints:
         """How many lines of a keyword come before each line of another one."""
-        return np.cumsum(self._are(keyword), dtype=np.int64)[self._are(later)]
+        return np.cumsum(self.are(keyword), dtype=np.int64)[self.are(later)]
 
-    def _are(self, keyword: bytes) -> NDArray[np.bool_]:
-        last = len(self._text) - 1
-        after = self._text[np.minimum(self._starts + len(keyword), last)]
-        chosen = (after == _SPACE) | (after == _TAB)
-        for offset, letter in enumerate(keyword):
-            chosen &= self._text[np.minimum(self._starts + offset, last)] == letter
+    def are(self, keyword: bytes) -> NDArray[np.bool_]:
+        """Which lines have a keyword."""
+        chosen = self._first == keyword[0]
+        starts, last = self._starts[chosen], len(self._text) - 1
+        after = self._text[np.minimum(starts + len(keyword), last)]
+        are = (after == _SPACE) | (after == _TAB)
+        for offset, letter in enumerate(keyword[1:], 1):
+            are &= self._text[np.minimum(starts + offset, last)] == letter
+        chosen[chosen] = are
         return chosen
 
 
@@ -182,8 +237,8 @@ def _numbers(lines: Bytes, path: Path, keyword: str) -> NDArray[np.float64]:
 def _first_odd_line(lines: Bytes, is_sound: Callable[[list[bytes]], bool]) -> str:
     """The first line with a word that cannot be read, to be shown in the error message."""
     texts = lines.tobytes().splitlines()
-    odd = next((text for text in texts if not is_sound(text.split())), texts[0])
-    return repr(odd.decode(errors="replace").strip())
+    odd = next((text for text in texts if not is_sound(text.split())), texts[0]).strip()
+    return repr(odd[:_MOST_SHOWN].decode(errors="replace")) + "..." * (len(odd) > _MOST_SHOWN)
 
 
 def _are_numbers(words: list[bytes]) -> bool:
@@ -232,24 +287,16 @@ class _Corners:
             )
         self.table = table.reshape(-1, per_corner)
 
-    def triangles(self, column: int, keyword: bytes) -> Ints:
-        """(F, 3) zero-based indices of one column into the records of a keyword."""
+    def indices(self, column: int, keyword: bytes) -> Ints:
+        """(C,) zero-based indices of one column into the records of a keyword."""
         indices = self.table[:, column]
         if len(indices) and int(np.abs(indices).min()) == 0:
             raise DataError(f"{self.path} has a face index 0; OBJ counts from 1")
         if len(indices) and int(indices.min()) < 0:
             # Negative ones count back from the last record before their face.
             end = np.repeat(self._records.count_before(keyword, b"f"), self.counts)
-            indices = np.where(indices < 0, indices + end, indices - 1)
-        else:
-            indices = indices - 1
-        if len(self.counts) == 0 or (self.counts == 3).all():
-            return indices.reshape(-1, 3)
-        starts = np.concatenate([[0], np.cumsum(self.counts)[:-1]])
-        fans = self.counts - 2
-        first = np.repeat(starts, fans)
-        step = np.arange(int(fans.sum())) - np.repeat(np.cumsum(fans) - fans, fans)
-        return indices[np.stack([first, first + step + 1, first + step + 2], axis=1)]
+            return np.where(indices < 0, indices + end, indices - 1)
+        return indices - 1
 
 
 def write_obj(path: Path, mesh: Mesh, *, material: str = "material0") -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.errors import DataError
+from harness.core.formats.polygons import cut_polygons
 from harness.core.mesh import Mesh
 
 _STL_HEADER_BYTES, _MOST_SHOWN = 84, 60
@@ -16,12 +18,13 @@ _STL_FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("at
 
 
 def read_off(path: Path) -> Mesh:
-    """The mesh of an ASCII OFF file; polygons are cut into fans.
+    """The mesh of an ASCII OFF file; polygons become triangles.
 
     Raises:
         DataError: not an OFF file, or fewer numbers than its header promises.
     """
-    text = re.sub(r"#.*", "", path.read_text(encoding="ascii", errors="replace")).lstrip()
+    content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    text = re.sub(r"#[^\r\n]*", "", content.decode("ascii", errors="replace")).lstrip()
     header = re.match(r"C?OFF\b", text)
     if header is None:
         raise DataError(f"{path} is not an OFF file", expected="it to start with 'OFF'")
@@ -40,20 +43,18 @@ def read_off(path: Path) -> Mesh:
                 f"{len(polygons)} of {face_count} faces"
             )
         vertices = np.array([row[:3] for row in vertex_rows], dtype=np.float64)
-        faces = [triangle for row in polygons for triangle in _fan(row)]
-        indices = np.array(faces, dtype=np.int64).reshape(-1, 3)
+        counts = np.array([int(row[0]) for row in polygons], dtype=np.int64)
+        short = [row for row in polygons if not 3 <= int(row[0]) < len(row)]
+        if short:
+            raise ValueError(f"a face row '{' '.join(short[0])[:_MOST_SHOWN]}'")
+        words = [word for row in polygons for word in row[1 : 1 + int(row[0])]]
+        corners = np.array([int(word) for word in words], dtype=np.int64)
+        indices = corners[cut_polygons(vertices, corners, counts)]
+    except DataError as error:
+        raise error.located(path) from error
     except (ArithmeticError, ValueError, IndexError) as error:
         raise DataError(f"{path} is truncated or broken", got=str(error)) from error
     return Mesh(vertices=vertices, faces=indices, source=str(path))
-
-
-def _fan(row: list[str]) -> list[tuple[int, int, int]]:
-    """The triangles of a face row: its number of corners, then the corners."""
-    count = int(row[0])
-    corners = [int(word) for word in row[1 : 1 + count]]
-    if count < 3 or len(corners) < count:
-        raise ValueError(f"a face row '{' '.join(row)[:_MOST_SHOWN]}'")
-    return [(corners[0], corners[i], corners[i + 1]) for i in range(1, count - 1)]
 
 
 def read_stl(path: Path) -> Mesh:
@@ -82,9 +83,10 @@ def _binary_stl(content: bytes) -> NDArray[np.float64] | None:
 
 
 def _ascii_stl(content: bytes, path: Path) -> NDArray[np.float64]:
-    words = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
-    complete = re.match(rb"\s*solid\b.*\bendsolid\b", content, re.DOTALL)
-    if not complete or len(words) != 3 * len(re.findall(rb"\bendfacet\b", content)):
+    text = content.removeprefix(codecs.BOM_UTF8).lower()
+    words = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
+    complete = re.match(rb"\s*solid\b.*\bendsolid\b", text, re.DOTALL)
+    if not complete or len(words) != 3 * len(re.findall(rb"\bendfacet\b", text)):
         raise DataError(
             f"{path} is not a complete STL file",
             expected="ASCII 'solid ... endsolid', or binary of the length in its header",

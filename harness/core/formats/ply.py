@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import re
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -11,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
+from harness.core.formats.polygons import cut_polygons
 from harness.core.mesh import Mesh
 
 _KINDS = {
@@ -22,7 +26,9 @@ _KINDS = {
 }  # fmt: skip
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-_MOST_HEADER_BYTES, _MOST_CORNERS = 65_536, 10_000
+_MOST_HEADER_BYTES = 65_536
+#: Every line ends as the first one does; a binary file may go on with any byte.
+_HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r)(.*?)(?<=[\r\n])end_header[ \t]*\1", re.DOTALL)
 
 #: A property's values, as runs of equal rows: (n,) for scalars, (n, k) for lists of length k.
 Runs = list[NDArray[Any]]
@@ -43,37 +49,51 @@ class _Element:
 
 
 def read_ply(path: Path) -> Mesh:
-    """The mesh of a PLY file; polygons are cut into fans, colours and normals are ignored.
+    """The mesh of a PLY file; polygons become triangles, colours and normals are ignored.
 
     Raises:
-        DataError: not a PLY, truncated, more rows than it has bytes, without x, y, z, or a point
-            cloud without faces.
+        DataError: not a PLY, truncated, more rows than it has bytes, without x, y, z, in strips of
+            triangles, or a point cloud without faces.
     """
-    content = path.read_bytes()
-    end = content.find(b"end_header", 0, _MOST_HEADER_BYTES)
-    start = content.find(b"\n", end) + 1
-    if not content.startswith(b"ply") or end < 0 or start == 0:
+    tables = _read_tables(path)
+    if "tristrips" in tables:
+        raise DataError(
+            f"{path} holds its faces as tristrips, strips of triangles, which are not read",
+            expected="an element 'face' with a list 'vertex_indices'",
+            hint="Export it again with plain faces",
+        )
+    vertices = _positions(tables, path)
+    try:
+        corners, counts = _polygons(tables)
+        faces = corners[cut_polygons(vertices, corners, counts)]
+    except ValueError as error:
+        raise DataError(f"{path} is truncated or broken", got=str(error)) from error
+    except DataError as error:
+        raise error.located(path) from error
+    return Mesh(vertices=vertices, faces=faces, source=str(path))
+
+
+def _read_tables(path: Path) -> dict[str, dict[str, Runs]]:
+    """The columns of each element, by their names."""
+    content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    header = _HEADER.match(content[:_MOST_HEADER_BYTES])
+    if header is None:
         raise DataError(f"{path} is not a PLY file", expected="a header 'ply ... end_header'")
     try:
-        order, elements = _header(content[:end].decode("ascii", errors="replace"))
-        _check_counts(elements, len(content) - start)
+        order, elements = _header(header[2].decode("ascii", errors="replace"))
+        _check_counts(elements, len(content) - header.end())
     except (KeyError, ValueError, IndexError) as error:
         raise DataError(
             f"{path} has a header that cannot be read", got=f"{type(error).__name__}: {error}"
         ) from error
     try:
-        tables = (
-            _binary_tables(content, start, elements, order)
-            if order
-            else _ascii_tables(content[start:], elements)
-        )
-        faces = _triangles(tables)
-        vertices = _positions(tables, path)
+        if order:
+            return _binary_tables(content, header.end(), elements, order)
+        return _ascii_tables(content[header.end() :], elements)
     except (ArithmeticError, IndexError, TypeError, ValueError) as error:
         # numpy adds advice to a programmer after a semicolon.
         got = str(error).split(";")[0]
         raise DataError(f"{path} is truncated or broken", got=got) from error
-    return Mesh(vertices=vertices, faces=faces, source=str(path))
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:
@@ -110,19 +130,20 @@ def _positions(tables: dict[str, dict[str, Runs]], path: Path) -> NDArray[np.flo
     return np.stack([np.concatenate(columns[axis]) for axis in "xyz"], axis=1).astype(np.float64)
 
 
-def _triangles(tables: dict[str, dict[str, Runs]]) -> NDArray[Any]:
+def _polygons(tables: dict[str, dict[str, Runs]]) -> tuple[Ints, Ints]:
+    """(C,) vertex indices of the corners of all faces, and (F,) how many each face has."""
     columns = tables.get("face", {})
     runs = columns.get("vertex_indices", columns.get("vertex_index", []))
-    return np.concatenate([_fan(run) for run in runs] or [np.zeros((0, 3), np.int32)])
-
-
-def _fan(polygons: NDArray[Any]) -> NDArray[Any]:
-    """(n * (k - 2), 3) triangles that (n, k) polygons are cut into."""
-    corners = polygons.shape[1] if polygons.ndim == 2 else 1
-    if not 3 <= corners <= _MOST_CORNERS:
-        raise ValueError(f"a face of {corners} corners")
-    fan = [[0, corner, corner + 1] for corner in range(1, corners - 1)]
-    return polygons[:, fan].reshape(-1, 3)
+    if not runs and any(columns.values()):
+        raise ValueError(f"faces have {', '.join(columns)}, but no vertex_indices")
+    short = [shape for run in runs if (shape := run.shape[1] if run.ndim == 2 else 1) < 3]
+    if short:
+        raise ValueError(f"a face of {short[0]} corners")
+    corners = np.concatenate([run.ravel() for run in runs] or [np.zeros(0, np.int64)])
+    if corners.dtype.kind not in "iu":
+        raise ValueError("vertex indices are not whole numbers")
+    counts = [np.full(len(run), run.shape[1]) for run in runs] or [np.zeros(0, np.int64)]
+    return corners.astype(np.int64), np.concatenate(counts)
 
 
 def _binary_tables(

@@ -17,6 +17,7 @@ import numpy as np
 from harness.core.arrays import Bytes, Floats
 from harness.core.errors import DataError
 from harness.core.formats.mesh_files import load_mesh
+from harness.core.formats.obj import read_obj_colours
 from harness.core.mesh import Mesh
 from harness.data.adding.atlas import Paint, joined, paint_of_corners
 from harness.data.adding.glb_files import COLOURS, glb_for_trimesh
@@ -73,6 +74,12 @@ def read_painted(path: Path, *, grey: bool = False) -> Painted:
         assert mesh.texture is not None
         return Painted(replace(mesh, texture=None), load_rgb(mesh.texture), "texture")
     _check_pictures(path)
+    if path.suffix.lower() == ".obj" and not picture_files(path):
+        colours = read_obj_colours(path)
+        if colours is not None:
+            paint = paint_of_corners(colours[surface.faces])
+            mesh = replace(surface, uv=paint.uv, face_uv=paint.face_uv)
+            return Painted(mesh, paint.pixels, "vertex colours")
     pieces = _pieces(path)
     if not pieces:
         if not grey:

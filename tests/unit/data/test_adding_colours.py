@@ -162,6 +162,26 @@ def test_a_scan_is_converted_again_when_it_or_the_rules_change(tmp_path):
         is_converted(source, Conversion("+y"), folder)
 
 
+@pytest.mark.parametrize(
+    ("colour", "wanted"),
+    [
+        ("0.784314 0.117647 0.117647", (200, 30, 30)),
+        ("200 30 30", (200, 30, 30)),
+        ("1 0 0", (255, 0, 0)),
+    ],
+)
+def test_vertex_colours_of_an_obj_are_of_either_range(tmp_path, colour, wanted):
+    text = plain_obj(tmp_path / "p.obj").read_text()
+    rows = [f"{row} {colour}" if row.startswith("v ") else row for row in text.splitlines()]
+    (tmp_path / "p.obj").write_text("\n".join(rows))
+    painted = read_painted(tmp_path / "p.obj")
+    assert painted.colours == "vertex colours"
+    assert painted.pixels[:2, :2].tolist() == np.full((2, 2, 3), wanted).tolist()
+    (tmp_path / "p.obj").write_text("\n".join(rows).replace(colour, "300 0 0"))
+    with pytest.raises(DataError, match="no colours .*expected red, green and blue"):
+        read_painted(tmp_path / "p.obj")
+
+
 def plain_obj(path: Path, materials: str = "") -> Path:
     """A person without picture."""
     names = "mtllib plain.mtl\nusemtl one\n" if materials else ""

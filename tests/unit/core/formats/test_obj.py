@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.obj import read_obj, write_obj
+from harness.core.formats.obj import read_obj, read_obj_colours, write_obj
 from harness.core.mesh import Mesh
 
 V = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -247,3 +247,84 @@ def test_plain_geometry_is_written_without_a_material(tmp_path: Path) -> None:
     lines = (tmp_path / "mesh.obj").read_text().splitlines()
     assert {line.split()[0] for line in lines} == {"v", "f"}
     assert [file.name for file in tmp_path.iterdir()] == ["mesh.obj"]
+
+
+@pytest.mark.parametrize("mark", ["\ufeff", "\ufeff# first\n", "\ufeff\n  ", "\ufeff\t"])
+def test_a_byte_order_mark_hides_no_vertex(tmp_path: Path, mark: str) -> None:
+    mesh = read(tmp_path, mark + V + "f 1 2 3 4\n")
+
+    assert len(mesh.vertices) == 4
+    assert mesh.faces.tolist() == SQUARE
+
+
+@pytest.mark.parametrize("indent", [" ", "\t", "   ", " \t "])
+@pytest.mark.parametrize("keyword", ["v", "f", "vt", "usemtl", "mtllib"])
+def test_indented_lines_are_read(tmp_path: Path, indent: str, keyword: str) -> None:
+    text = textured(tmp_path).replace(f"\n{keyword} ", f"\n{indent}{keyword} ")
+    mesh = read(tmp_path, text.removesuffix("\n"), texture=True)
+
+    assert mesh.faces.tolist() == SQUARE
+    assert mesh.uv is not None
+    assert len(mesh.uv) == 4
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\r\n", "\n\r"])
+def test_every_end_of_a_line(tmp_path: Path, end: str) -> None:
+    assert read(tmp_path, (V + "f 1 2 3\nf 1 3 4\n").replace("\n", end)).faces.tolist() == SQUARE
+
+
+def test_a_defect_of_a_long_line_is_one_short_line(tmp_path: Path) -> None:
+    with pytest.raises(DataError) as caught:
+        read(tmp_path, V + "f 1 2 " + "x " * 50_000)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("record", ["surf 0 1 0 1 1 2 3", "call more.obj", "fo 1 2 3", "F 1 2 3"])
+def test_faces_that_would_be_left_out_are_refused(tmp_path: Path, record: str) -> None:
+    with pytest.raises(DataError, match=f"'{record.split()[0]}' records, which are not read"):
+        read(tmp_path, V + f"f 1 2 3\n{record}\n")
+
+
+def colours(folder: Path, *ends: str) -> list[list[int]] | None:
+    rows = "".join(f"v {k} {k * k} 0 {end}\n" for k, end in enumerate(ends))
+    (folder / "mesh.obj").write_text(rows + "f 1 2 3\n")
+    found = read_obj_colours(folder / "mesh.obj")
+    return None if found is None else found.tolist()
+
+
+@pytest.mark.parametrize(
+    ("ends", "wanted"),
+    [
+        (("1 0 0", "0.5 0.2 0", "0 0 0"), [[255, 0, 0], [128, 51, 0], [0, 0, 0]]),
+        (("255 0 0", "1 51 0", "0 0 0"), [[255, 0, 0], [1, 51, 0], [0, 0, 0]]),
+        (("200.0 30.0 30.0", "1 1 1", "0 0 0"), [[200, 30, 30], [1, 1, 1], [0, 0, 0]]),
+        (("1 0 0", "1 1 1", "0 0 1"), [[255, 0, 0], [255, 255, 255], [0, 0, 255]]),
+        # A weight before, an opacity after.
+        (("1 1 0 0", "1 0 0.2 0", "1 0 0 0"), [[255, 0, 0], [0, 51, 0], [0, 0, 0]]),
+        (("1 200 0 0", "1 0 2 0", "1 0 0 0"), [[200, 0, 0], [0, 2, 0], [0, 0, 0]]),
+        (("1 0 0 1", "0 0.2 0 1", "0 0 0 1"), [[255, 0, 0], [0, 51, 0], [0, 0, 0]]),
+        (("200 0 0 255", "9 2 0 255", "0 0 0 255"), [[200, 0, 0], [9, 2, 0], [0, 0, 0]]),
+        (("", "", ""), None),
+        (("1", "0.5", "1"), None),
+    ],
+)
+def test_colours_of_vertices(tmp_path: Path, ends: tuple[str, ...], wanted) -> None:
+    assert colours(tmp_path, *ends) == wanted
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        ("256 0 0", "0 0 0", "0 0 0"),
+        ("65535 0 0", "0 0 0", "0 0 0"),
+        ("200.5 0 0", "0 0 0", "0 0 0"),
+        ("-1 0 0", "0 0 0", "0 0 0"),
+        ("-0.1 0 0", "0 0 0", "0 0 0"),
+        ("1 0 0 1", "1 0.2 0 1", "1 0 0 1"),
+        ("0.5 0.5", "0 0", "0 0"),
+        ("0 0 0 0 0 0", "0 0 0 0 0 0", "0 0 0 0 0 0"),
+    ],
+)
+def test_numbers_that_are_no_colours_are_refused(tmp_path: Path, ends: tuple[str, ...]) -> None:
+    with pytest.raises(DataError, match="numbers after x, y, z that are no colours"):
+        colours(tmp_path, *ends)

@@ -77,7 +77,10 @@ def test_polygons_colours_and_flags_in_every_layout(tmp_path: Path, content: byt
 @pytest.mark.parametrize("seed", range(5))
 def test_ragged_rows_are_read_as_one_by_one(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    polygons = [rng.permutation(5)[: rng.integers(3, 6)].tolist() for _ in range(100)]
+    # Parts of the base, and triangles: fans are right for both.
+    polygons = [
+        [[0, 1, 2, 3], [2, 3, 0], [4, 1, 3], [3, 0, 1, 2]][rng.integers(4)] for _ in range(100)
+    ]
 
     mesh = read(tmp_path, binary_ply("<", polygons))
 
@@ -173,3 +176,36 @@ def test_faces_given_as_plain_numbers_are_no_polygons(tmp_path: Path) -> None:
 
     with pytest.raises(DataError, match="a face of 1 corners"):
         read(tmp_path, content)
+
+
+def test_strips_of_triangles_are_refused_by_name(tmp_path: Path) -> None:
+    rows = ascii_ply().decode().split("7 4 0")[0]
+    for name in ("vertex_indices", "vertex_index"):
+        head = rows.replace("element face 5", "element tristrips 1").replace("vertex_indices", name)
+        with pytest.raises(DataError, match="faces as tristrips.*plain faces"):
+            read(tmp_path, (head + "7 6 0 1 4 2 3 -1\n").encode())
+
+
+def test_faces_under_another_name_are_not_left_out(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="faces have flag, corners, but no vertex_indices"):
+        read(tmp_path, ascii_ply("corners"))
+
+
+@pytest.mark.parametrize("kind", ["float", "double"])
+def test_whole_numbers_of_a_float_type_are_no_indices(tmp_path: Path, kind: str) -> None:
+    content = swapped("list uchar int", f"list uchar {kind}")
+    with pytest.raises(DataError, match="vertex indices are not whole numbers"):
+        read(tmp_path, content)
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_marks_and_ends_of_lines(tmp_path: Path, end: bytes, mark: bytes) -> None:
+    mesh = read(tmp_path, mark + ascii_ply().replace(b"\n", end))
+    np.testing.assert_array_equal(mesh.vertices, VERTICES)
+    # A binary file whose first number starts with the byte of a line's end.
+    head = header("binary_little_endian", vertices=5, faces=1).replace(b"\n", end)
+    first = b"\n\r\x80\x3f" + struct.pack("<2fB", 0, 0, 1)
+    body = first + b"".join(struct.pack("<3fB", *vertex, 9) for vertex in VERTICES[1:])
+    mesh = read(tmp_path, mark + head + body + struct.pack("<BB3i", 7, 3, 1, 2, 4))
+    assert mesh.vertices[0, 0] == np.frombuffer(b"\n\r\x80\x3f", "<f4")[0]
