@@ -12,6 +12,8 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from harness.core.process.interrupts import stopped_by_signals
+
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
     "quickstart": "Make two avatars, run every method, and show the results.",
@@ -62,9 +64,14 @@ class _LazyVerb(TyperCommand):
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
-        """The context of the verb itself, imported now."""
+        """The context of the verb itself, imported now.
+
+        While it is open, signals stop the verb's work; before, there is nothing to clean up.
+        """
         assert self.name is not None
-        return verb_command(self.name).make_context(info_name, args, parent, **extra)
+        context = verb_command(self.name).make_context(info_name, args, parent, **extra)
+        context.with_resource(stopped_by_signals())
+        return context
 
 
 class Verbs(TyperGroup):

@@ -20,7 +20,6 @@ from harness.core.files.atomic import (
     atomic_directory,
     exclusive_lock,
     read_json,
-    remove_leftovers,
     write_json,
 )
 from harness.core.files.hashing import file_sha256
@@ -184,7 +183,6 @@ class ConvertedKind:
             raise HarnessError(f"a part cannot be called '{name}'", expected=NAME_RULE)
         with exclusive_lock(self.folder / ".lock"):
             self._require_free(name, source, replace=options.replace)
-            remove_leftovers(self.folder / name)
             with atomic_directory(self.folder / name) as folder:
                 examined.write(folder)
                 files = tuple(_File.of(path) for path in sorted(folder.iterdir()))

@@ -1,4 +1,4 @@
-"""What is shipped and tracked: five packages, one manifest, no machine's paths."""
+"""What is shipped and tracked: five packages, one program, one manifest, no machine's paths."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = {"harness", "renderers", "methods", "metrics", "reports"}
+#: The program beside them.
+PROGRAM = "mexecon_harness.py"
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 #: Data files that packages may carry beside their modules.
@@ -64,7 +66,7 @@ def test_the_search_for_machine_paths_lets_others_pass(text: str) -> None:
 
 def test_the_top_level_holds_what_the_design_names() -> None:
     named = PACKAGES | {
-        ".ci", ".gitattributes", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff",
+        PROGRAM, ".ci", ".gitattributes", ".github", ".gitignore", "CHANGELOG.md", "CITATION.cff",
         "CONTRIBUTING.md", "LICENSE", "README.md", "constraints.txt", "data_manifest.yaml", "docs",
         "examples", "packages", "pyproject.toml", "tests",
     }  # fmt: skip
@@ -76,7 +78,7 @@ def test_the_top_level_holds_what_the_design_names() -> None:
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """The names of the files in a wheel made from a copy of the tree."""
     folder = tmp_path_factory.mktemp("wheel")
-    for name in ("pyproject.toml", "README.md", "LICENSE", "data_manifest.yaml"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "data_manifest.yaml", PROGRAM):
         shutil.copy(ROOT / name, folder)
     for package in PACKAGES | {"tests"}:
         ignore = shutil.ignore_patterns("__pycache__", "node_modules")
@@ -88,10 +90,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
         return archive.namelist()
 
 
-def test_the_wheel_holds_the_five_packages_and_the_manifest(wheel: list[str]) -> None:
+def test_the_wheel_holds_the_five_packages_the_program_and_the_manifest(wheel: list[str]) -> None:
     code = [name for name in wheel if ".dist-info/" not in name]
 
-    assert {name.split("/")[0] for name in code} == PACKAGES
+    assert {name.split("/")[0] for name in code} == {*PACKAGES, PROGRAM}
     assert "harness/data/data_manifest.yaml" in code
     others = [name for name in code if not name.endswith(".py")]
     assert "harness/core/cameras/camera.py" in code

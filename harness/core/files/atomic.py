@@ -19,8 +19,10 @@ from harness.core.errors import DataError, WriteError
 from harness.core.process.interrupts import require_not_stopped
 
 _LOCK_POLL_S = 0.05
-#: Errors that only writing can cause; the kernel does not say for which file.
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+#: How old a temporary folder must be where nobody can say whether its writer lives.
+_ABANDONED_S = 24 * 3600.0
+#: Numbers of errors that only writing can cause; the kernel does not say for which file.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 @contextlib.contextmanager
@@ -49,6 +51,8 @@ def atomic_path(path: Path) -> Generator[Path]:
 def atomic_directory(path: Path) -> Generator[Path]:
     """A temporary folder that replaces ``path`` as a whole when the block succeeds.
 
+    Folders that killed writers of ``path`` left are removed; those of living ones are locked.
+
     Raises:
         WriteError: as ``atomic_path``.
     """
@@ -56,14 +60,48 @@ def atomic_directory(path: Path) -> Generator[Path]:
     try:
         with _explained(path, temporary):
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.mkdir()
-            yield temporary
-            for file in temporary.rglob("*"):
-                if file.is_file():
-                    _sync(file)
-            _put_in_place(temporary, path)
+            with _locked_folder(temporary):
+                for leftover in _leftovers(path):
+                    _remove_if_abandoned(leftover)
+                yield temporary
+                for file in temporary.rglob("*"):
+                    if file.is_file():
+                        _sync(file)
+                _put_in_place(temporary, path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _locked_folder(path: Path) -> Generator[None]:
+    """A new folder that this process has locked, where the file system can lock folders."""
+    while True:
+        path.mkdir()
+        descriptor = os.open(path, os.O_RDONLY)
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.fstat(descriptor).st_nlink:
+            break
+        os.close(descriptor)  # another writer took it for abandoned before it was locked
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _remove_if_abandoned(folder: Path) -> None:
+    """Remove a temporary folder that no living process has locked."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            try:
+                is_free = _locked(descriptor)
+            except OSError:  # no such locks, as on some network file systems
+                is_free = time.time() - folder.stat().st_mtime > _ABANDONED_S
+            if is_free:
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(descriptor)
 
 
 def _put_in_place(temporary: Path, path: Path) -> None:
@@ -88,7 +126,7 @@ def _explained(path: Path, temporary: Path) -> Generator[None]:
     except OSError as error:
         file = Path(error.filename) if isinstance(error.filename, str) else None
         ours = file is not None and (file.is_relative_to(temporary) or path.is_relative_to(file))
-        if not ours and error.errno not in _NO_ROOM:
+        if not ours and error.errno not in NO_ROOM:
             raise
         raise WriteError(
             f"could not write {path}: {error.strerror or error}",
@@ -122,11 +160,13 @@ def remove_leftovers(path: Path) -> None:
 
     Call it only while holding the lock under which ``path`` is written.
     """
-    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part*"):
-        if leftover.is_dir():
-            shutil.rmtree(leftover, ignore_errors=True)
-        else:
+    for leftover in _leftovers(path):
+        if not leftover.is_dir():
             leftover.unlink(missing_ok=True)
+
+
+def _leftovers(path: Path) -> list[Path]:
+    return list(path.parent.glob(f".{glob.escape(path.name)}.*.part*"))
 
 
 def _sync(path: Path) -> None:

@@ -55,7 +55,7 @@ def run_worker(
     """The result of ``python -m module`` on a job.
 
     A worker that wrote its result has succeeded, even if it crashes afterwards, as graphics drivers
-    do.
+    do. What it leaves in its folder for temporary files goes with it, however it ends.
 
     Args:
         module: Dotted name of a module that ends in ``worker_main(handle)``.
@@ -72,7 +72,8 @@ def run_worker(
         Interrupted: the run was stopped; so is the worker, and no other begins.
     """
     require_not_stopped()
-    with tempfile.TemporaryDirectory(prefix="harness-job-") as folder:
+    # What a killed worker started may write for a moment more.
+    with tempfile.TemporaryDirectory(prefix="harness-job-", ignore_cleanup_errors=True) as folder:
         job_path, result_path = Path(folder, "job.json"), Path(folder, "result.json")
         log_path = log or Path(folder, "log.txt")
         log_path.parent.mkdir(parents=True, exist_ok=True)
@@ -84,7 +85,7 @@ def run_worker(
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, **(environment or {})},
+                env={**os.environ, "TMPDIR": folder, **(environment or {})},
                 # Ctrl-C is for the run, which ends its workers itself.
                 process_group=0,
             )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
-from harness.core.files.atomic import exclusive_lock, remove_leftovers
+from harness.core.files.atomic import exclusive_lock
 from harness.core.files.names import checked_name
 from harness.core.units import UNITS_RULE
 from harness.data.adding.converted import Conversion, convert_scan, is_converted
@@ -162,7 +162,6 @@ class _Convert:
     def __call__(self, subject: str) -> CheckedSubject:
         source, directory = self.sources[subject], self.place / subject
         if not is_converted(source, self.conversion, directory):
-            remove_leftovers(directory)
             convert_scan(source, self.conversion, directory)
         return self.check(subject)
 

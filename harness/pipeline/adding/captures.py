@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.core.artifacts import Capture, image_name
 from harness.core.errors import DataError
-from harness.core.files.atomic import atomic_directory, remove_leftovers, write_json
+from harness.core.files.atomic import atomic_directory, write_json
 from harness.pipeline.adding.request import AddRequest
 from harness.pipeline.inputs.imported import IMPORTED, imported_state
 
@@ -31,7 +31,6 @@ def copied_capture(source: Path, request: AddRequest, subject: str) -> str:
         return note
     if directory.exists() and not request.replace:
         raise DataError(f"{directory} holds other photos", hint="Add --replace to replace them")
-    remove_leftovers(directory)
     own = replace(capture, dataset=request.name, subject=subject, recipe=IMPORTED)
     with atomic_directory(directory) as folder:
         for name in [*map(image_name, range(len(capture.cameras))), _CAMERAS]:

@@ -10,7 +10,7 @@ from typing import Any
 from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.frames import write_transforms_json
 from harness.core.errors import HarnessError
-from harness.core.files.atomic import atomic_directory, exclusive_lock, remove_leftovers, write_json
+from harness.core.files.atomic import atomic_directory, exclusive_lock, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
@@ -49,18 +49,19 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     used = replace(foreign, views=tuple(photo.view for photo in matched.photos))
     up, up_note = found_up(request, used)
     directory = Path(request.directory)
-    with exclusive_lock(directory.parent / f".{directory.name}.lock"):
-        remove_leftovers(directory)
-        with atomic_directory(directory) as folder:
-            taken = take_photos(matched.photos, up, request.longest_px, folder, report, maker)
-            found = placed(request, used, up, taken.views, folder)
-            found = replace(found, notes=(up_note, *found.notes))
-            warnings = (*matched.warnings, *taken.warnings, *found.warnings)
-            capture = _capture(request, foreign, taken, found, folder)
-            capture = replace(capture, directory=directory, warnings=warnings)
-            images = [image_name(number) for number in range(len(taken.views))]
-            write_transforms_json(folder / "transforms.json", capture.cameras, images)
-            write_json(folder / "capture.json", capture.to_dict())
+    with (
+        exclusive_lock(directory.parent / f".{directory.name}.lock"),
+        atomic_directory(directory) as folder,
+    ):
+        taken = take_photos(matched.photos, up, request.longest_px, folder, report, maker)
+        found = placed(request, used, up, taken.views, folder)
+        found = replace(found, notes=(up_note, *found.notes))
+        warnings = (*matched.warnings, *taken.warnings, *found.warnings)
+        capture = _capture(request, foreign, taken, found, folder)
+        capture = replace(capture, directory=directory, warnings=warnings)
+        images = [image_name(number) for number in range(len(taken.views))]
+        write_transforms_json(folder / "transforms.json", capture.cameras, images)
+        write_json(folder / "capture.json", capture.to_dict())
     return Imported(str(directory), len(taken.views), found.notes, warnings)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
-from harness.core.files.atomic import exclusive_lock, remove_leftovers
+from harness.core.files.atomic import exclusive_lock
 from harness.core.mesh import Mesh
 from harness.core.process.differences import listed_differences
 from harness.core.process.steps import StepReport
@@ -138,7 +138,6 @@ class Source:
         with exclusive_lock(directory.parent / f".{subject}.lock"):
             if self.avatar_is_current(subject):
                 return False
-            remove_leftovers(directory)
             self.generator.make(subject, directory, self._scan_noise_mm)
         return True
 
@@ -229,7 +228,6 @@ class Source:
         directory, recipe = self.capture_directory(subject), self.render_recipe
         with exclusive_lock(directory.parent / f".{recipe.name}.lock"):
             if self.capture_state(subject)[0] != "cached":
-                remove_leftovers(directory)
                 scan, mesh = self.load(subject)
                 capture(scan, mesh, recipe, directory, report, self._exact_photos(subject))
             return Capture.load(directory)

@@ -13,7 +13,7 @@ from harness.core.artifacts import Capture, image_name
 from harness.core.cameras.camera import Camera, look_at
 from harness.core.cameras.frames import write_transforms_json
 from harness.core.errors import DataError, HarnessError
-from harness.core.files.atomic import atomic_directory, exclusive_lock, remove_leftovers, write_json
+from harness.core.files.atomic import atomic_directory, exclusive_lock, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.formats.typed_json import from_json, to_json
 from harness.core.process.steps import silent
@@ -94,19 +94,20 @@ def import_one_photo(request: OnePhotoRequest) -> Imported:
     mask = Path(request.mask) if request.mask else None
     photo = MatchedPhoto(path, ForeignView(path.name, level), mask)
     directory = Path(request.directory)
-    with exclusive_lock(directory.parent / f".{directory.name}.lock"):
-        remove_leftovers(directory)
-        with atomic_directory(directory) as folder:
-            taken = take_photos([photo], _as_shown(level, facts.quarters), request.longest_px,
-                                folder, silent)  # fmt: skip
-            view = taken.views[0]
-            camera = _before_the_person(view, request.height_m)
-            notes = _notes(camera, field_deg, source, request)
-            warnings = (*taken.warnings, *_doubts(folder, camera))
-            capture = _capture(request, view, camera, notes, folder)
-            capture = replace(capture, directory=directory, warnings=warnings)
-            write_transforms_json(folder / "transforms.json", [camera], [image_name(0)])
-            write_json(folder / "capture.json", capture.to_dict())
+    with (
+        exclusive_lock(directory.parent / f".{directory.name}.lock"),
+        atomic_directory(directory) as folder,
+    ):
+        taken = take_photos([photo], _as_shown(level, facts.quarters), request.longest_px,
+                            folder, silent)  # fmt: skip
+        view = taken.views[0]
+        camera = _before_the_person(view, request.height_m)
+        notes = _notes(camera, field_deg, source, request)
+        warnings = (*taken.warnings, *_doubts(folder, camera))
+        capture = _capture(request, view, camera, notes, folder)
+        capture = replace(capture, directory=directory, warnings=warnings)
+        write_transforms_json(folder / "transforms.json", [camera], [image_name(0)])
+        write_json(folder / "capture.json", capture.to_dict())
     return Imported(str(directory), 1, notes, warnings)
 
 

@@ -269,3 +269,19 @@ def test_json_that_is_not_there_or_not_a_file(tmp_path: Path) -> None:
         read_json(tmp_path / "a.json")
     with pytest.raises(DataError, match="could not read .*Is a directory"):
         read_json(tmp_path)
+
+
+def test_the_folder_of_a_killed_writer_goes_and_that_of_a_living_one_stays(tmp_path: Path) -> None:
+    target = tmp_path / "photos"
+    killed = tmp_path / f".{target.name}.0123456789ab.part"
+    (killed / "rgb").mkdir(parents=True)
+
+    with atomic_directory(target) as living:
+        (living / "whose").write_text("the first")
+        with atomic_directory(target) as second:
+            (second / "whose").write_text("the second")
+            assert living.is_dir()
+        assert (target / "whose").read_text() == "the second"
+
+    assert (target / "whose").read_text() == "the first"
+    assert [path.name for path in tmp_path.iterdir()] == ["photos"]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import threading
 import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -23,7 +25,9 @@ def send_soon(number: signal.Signals) -> None:
     threading.Timer(0.2, os.kill, (os.getpid(), number)).start()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_signal_stops_the_main_thread_with_the_shells_code(
     number: signal.Signals, code: int
 ) -> None:
@@ -78,6 +82,61 @@ def test_who_waits_for_a_lock_is_stopped(tmp_path: Path) -> None:
     with exclusive_lock(tmp_path / "lock"), pytest.raises(Interrupted), stopped_by_signals():
         send_soon(signal.SIGTERM)
         in_threads(wait, [0], jobs=1)
+
+
+def test_an_import_is_finished_before_it_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Importing drops exceptions in places, and prints them there."""
+    (tmp_path / "imported_in_time.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nwhole = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+
+    with pytest.raises(Interrupted), stopped_by_signals():
+        module = importlib.import_module("imported_in_time")
+        assert module.whole
+        time.sleep(10)
+
+
+class SignalsAtItsEnd:
+    def __del__(self) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_signal_is_not_lost_in_a_destructor() -> None:
+    with pytest.raises(Interrupted), stopped_by_signals():
+        SignalsAtItsEnd()
+        time.sleep(10)
+
+
+def test_a_signal_is_not_lost_in_a_callback(capsys: pytest.CaptureFixture[str]) -> None:
+    class Any:
+        pass
+
+    def callback(_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    one = Any()
+    kept = weakref.ref(one, callback)
+    with pytest.raises(Interrupted), stopped_by_signals():
+        del one
+        time.sleep(10)
+    assert kept() is None
+    assert capsys.readouterr().err == ""
+
+
+def test_a_second_signal_does_what_it_did_before() -> None:
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with pytest.raises(Interrupted), stopped_by_signals():
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(10)
+            finally:
+                assert signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_results_come_in_the_order_of_the_items() -> None:
