@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from harness.core.errors import DataError
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 
@@ -181,3 +184,117 @@ def test_off_and_stl(tmp_path: Path, seed: int, end: str, mark: str) -> None:
     text = f"{mark}solid a\n{loops}endsolid a\n"
     for written in (text, text.upper()):
         check(tmp_path / "mesh.stl", written.replace("\n", end), solid)
+
+
+@dataclass
+class Tree:
+    """A scene that is being written: its parts as JSON has them, its bytes, and what it shows."""
+
+    nodes: list[dict]
+    meshes: list[dict]
+    accessors: list[dict]
+    views: list[dict]
+    binary: bytes
+    corners: list[np.ndarray]
+
+    def store(self, array: np.ndarray) -> int:
+        """The accessor of an array that is added."""
+        kinds = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
+        self.binary += b"\0" * (-len(self.binary) % 4)
+        self.views.append({"buffer": 0, "byteOffset": len(self.binary), "byteLength": array.nbytes})
+        self.accessors.append(
+            {
+                "bufferView": len(self.views) - 1,
+                "componentType": kinds[array.dtype.str[1:]],
+                "count": len(array),
+                "type": "VEC3" if array.ndim == 2 else "SCALAR",
+            }
+        )
+        self.binary += array.tobytes()
+        return len(self.accessors) - 1
+
+    def grow(self, rng: np.random.Generator, parent: np.ndarray, depth: int) -> int:
+        """The number of a new node with a prism, perhaps morphed, and nodes below it."""
+        node: dict = {"name": f"node {len(self.nodes)}"}
+        self.nodes.append(node)
+        number = len(self.nodes) - 1
+        scale, move = rng.uniform(0.5, 2, 3) * rng.choice([-1, 1], 3), rng.uniform(-1, 1, 3)
+        turn = rng.normal(size=4)
+        turn /= np.linalg.norm(turn)
+        local = np.eye(4)
+        local[:3, :3] = Rotation.from_quat(turn).as_matrix() * scale
+        local[:3, 3] = move
+        if rng.random() < 0.5:
+            node["matrix"] = local.T.ravel().tolist()
+        else:
+            node |= {"translation": move.tolist(), "rotation": turn.tolist()}
+            node["scale"] = scale.tolist()
+        transform = parent @ local
+        if rng.random() < 0.8:
+            points, faces = self.mesh(node, rng)
+            placed = points @ transform[:3, :3].T + transform[:3, 3]
+            mirrored = np.linalg.det(transform[:3, :3]) < 0
+            self.corners.append(placed[faces[:, ::-1] if mirrored else faces])
+        children = [self.grow(rng, transform, depth - 1) for _ in range(rng.integers(3) * depth)]
+        if children:
+            node["children"] = children
+        return number
+
+    def mesh(self, node: dict, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Points and faces of a mesh that a new node shows."""
+        solid = prism(int(rng.integers(2**32)))
+        points, faces = solid.points.astype("<f4"), solid.triangles()
+        primitive: dict = {"attributes": {"POSITION": self.store(points)}}
+        primitive["indices"] = self.store(faces.ravel().astype(rng.choice(["u1", "<u2", "<u4"])))
+        mesh: dict = {"primitives": [primitive]}
+        shown = points.astype(np.float64)
+        if rng.random() < 0.5:
+            lifts = rng.normal(size=(2, *points.shape)).astype("<f4")
+            primitive["targets"] = [{"POSITION": self.store(lift)} for lift in lifts]
+            weights = rng.uniform(-1, 1, 2)
+            (node if rng.random() < 0.5 else mesh)["weights"] = weights.tolist()
+            shown = shown + np.tensordot(weights, lifts.astype(np.float64), 1)
+        self.meshes.append(mesh)
+        node["mesh"] = len(self.meshes) - 1
+        return shown, faces
+
+    def glb(self, roots: list[int]) -> bytes:
+        document = {
+            "asset": {"version": "2.0"},
+            "scene": 1,
+            "scenes": [{"nodes": [0]}, {"nodes": roots}],
+            "nodes": self.nodes,
+            "meshes": self.meshes,
+            "accessors": self.accessors,
+            "bufferViews": self.views,
+            "buffers": [{"byteLength": len(self.binary)}],
+        }
+        text = json.dumps(document).encode()
+        text += b" " * (-len(text) % 4)
+        binary = self.binary + b"\0" * (-len(self.binary) % 4)
+        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+@ONE_FOLDER
+@given(seed=SEEDS)
+def test_glb_with_trees_of_nodes_and_morphs(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tree = Tree([], [], [], [], b"", [])
+    tree.grow(rng, np.eye(4), 1)
+    # The first node belongs to another scene.
+    tree.corners.clear()
+    roots = [tree.grow(rng, np.eye(4), 2) for _ in range(1 + rng.integers(2))]
+    (tmp_path / "mesh.glb").write_bytes(tree.glb(roots))
+    if not tree.corners:
+        with pytest.raises(DataError, match="no triangles"):
+            load_mesh(tmp_path / "mesh.glb")
+        return
+    mesh = load_mesh(tmp_path / "mesh.glb")
+    np.testing.assert_allclose(
+        mesh.vertices[mesh.faces], np.concatenate(tree.corners), rtol=0, atol=1e-5
+    )
+    if not any("targets" in each["primitives"][0] for each in tree.meshes):
+        # Mirrored or not, a prism encloses what it should.
+        assert mesh.signed_volume > 0

@@ -1,13 +1,14 @@
-"""Binary glTF (GLB): the triangles of all nodes, in the file's own axes (+Y up, metres)."""
+"""Binary glTF (GLB): the triangles that a viewer shows at rest, in the file's axes, coloured."""
 
 from __future__ import annotations
 
 import json
+import re
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,28 +18,86 @@ from harness.core.cameras.frames import rotation_from_quaternion
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 
+Found = TypeVar("Found")
+
 _KINDS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_POINTS_AND_LINES, _TRIANGLES = range(4), 4
+_POINTS_AND_LINES, _TRIANGLES, _REPEAT = range(4), 4, 10497
 #: Nodes may repeat one mesh many times, so a small file could expand to any number of vertices.
 _MOST_ELEMENTS, _MOST_JSON_BYTES = 10_000_000, 16 * 2**20
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+_SPECULAR, _TRANSFORM = "KHR_materials_pbrSpecularGlossiness", "KHR_texture_transform"
+#: Extensions that change no shape, and one that is applied.
+_READ = re.compile(
+    r"(KHR|EXT)_(materials|texture|lights|xmp|audio|animation)\w*|MSFT_texture_dds|"
+    r"FB_ngon_encoding|EXT_(mesh_features|structural_metadata)|KHR_mesh_quantization"
+)
+_SLACK = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlbPart:
+    """The triangles of one primitive, and what their base colour is the product of.
+
+    Attributes:
+        vertices: (V, 3) in the file's axes, as posed and placed by its nodes.
+        faces: (F, 3) vertex indices.
+        factor: (3,) linear light; None without a material.
+        colours: (V, 3) linear light, or None.
+        picture: A PNG or JPEG, or None.
+        uv: (V, 2) texture coordinates, origin at the bottom left, of the picture.
+        alpha: ``OPAQUE``, ``MASK`` or ``BLEND``, as the material has it.
+    """
+
+    vertices: Floats
+    faces: Ints
+    factor: Floats | None
+    colours: Floats | None
+    picture: bytes | None
+    uv: Floats | None
+    alpha: str
 
 
 @dataclass(frozen=True, slots=True)
 class _Glb:
     document: dict[str, Any]
     binary: bytes
-    visited: set[int] = field(default_factory=set[int])
+
+
+#: Vertices, faces and the primitive that they are of.
+_Piece = tuple[Floats, Ints, dict[str, Any]]
 
 
 def read_glb(path: Path) -> Mesh:
     """The geometry of a GLB file, all nodes of its scene joined, at rest; textures are not read.
 
+    Nodes and the weights of morph targets are applied; animations are not played.
+
     Raises:
-        DataError: not a GLB, truncated, compressed (Draco, meshopt), with triangle strips or with
-            sparse accessors.
+        DataError: not a GLB, truncated, compressed (Draco, meshopt), with triangle strips, a
+            skin, or an extension that may change its shape.
     """
+    pieces = _read(path, lambda glb: list(_pieces(glb)))
+    offsets = np.cumsum([0] + [len(vertices) for vertices, *_ in pieces[:-1]])
+    return Mesh(
+        vertices=np.concatenate([vertices for vertices, *_ in pieces]),
+        faces=np.concatenate(
+            [faces + start for (_, faces, _), start in zip(pieces, offsets, strict=True)]
+        ),
+        source=str(path),
+    )
+
+
+def read_glb_parts(path: Path) -> list[GlbPart]:
+    """The primitives of a GLB file with their base colours, in the order of ``read_glb``.
+
+    Raises:
+        DataError: as ``read_glb``; a picture outside the file, or placed in an unknown way.
+    """
+    return _read(path, lambda glb: [_part(glb, *piece) for piece in _pieces(glb)])
+
+
+def _read(path: Path, use: Callable[[_Glb], list[Found]]) -> list[Found]:
     content = path.read_bytes()
     if content[:4] != b"glTF" or len(content) < 20:
         raise DataError(f"{path} is not a GLB file", expected="it to start with 'glTF'")
@@ -51,14 +110,8 @@ def read_glb(path: Path) -> Mesh:
         )
     try:
         glb = _chunks(content[:length])
-        compressed = [
-            name for name in glb.document.get("extensionsRequired", []) if "KHR_texture" not in name
-        ]
-        if compressed:
-            raise DataError(
-                f"needs {', '.join(compressed)}", hint="Export it again without compression"
-            )
-        pieces = _pieces(glb)
+        _check_extensions(glb.document.get("extensionsRequired", []))
+        found = use(glb)
     except DataError as error:
         raise error.located(path) from error
     except RecursionError as error:
@@ -67,28 +120,9 @@ def read_glb(path: Path) -> Mesh:
         raise DataError(
             f"{path} is not a readable GLB", got=f"{type(error).__name__}: {error}"
         ) from error
-    if not pieces:
+    if not found:
         raise DataError(f"{path} has no triangles", expected="a mesh in its scene")
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in pieces[:-1]])
-    return Mesh(
-        vertices=np.concatenate([vertices for vertices, _ in pieces]),
-        faces=np.concatenate(
-            [faces + start for (_, faces), start in zip(pieces, offsets, strict=True)]
-        ),
-        source=str(path),
-    )
-
-
-def _pieces(glb: _Glb) -> list[tuple[Floats, Ints]]:
-    pieces: list[tuple[Floats, Ints]] = []
-    count = 0
-    for node in _roots(glb):
-        for piece in _node(glb, node, np.eye(4)):
-            pieces.append(piece)
-            count += len(piece[0]) + len(piece[1])
-            if count > _MOST_ELEMENTS:
-                raise ValueError(f"more than {_MOST_ELEMENTS} vertices and triangles")
-    return pieces
+    return found
 
 
 def _chunks(content: bytes) -> _Glb:
@@ -108,50 +142,37 @@ def _chunks(content: bytes) -> _Glb:
     return _Glb(document, binary)
 
 
-def _roots(glb: _Glb) -> list[int]:
-    """The top nodes of the default scene, or of the whole file if it has no scene."""
-    if scenes := glb.document.get("scenes"):
-        return scenes[glb.document.get("scene", 0)].get("nodes", [])
-    nodes = glb.document.get("nodes", [])
-    children = {child for node in nodes for child in node.get("children", [])}
-    return [index for index in range(len(nodes)) if index not in children]
-
-
-def _node(glb: _Glb, index: int, parent: Floats) -> Iterator[tuple[Floats, Ints]]:
-    """Vertices and faces of every primitive at and below a node, in the file's axes."""
-    if index in glb.visited:
-        # The format gives a node one parent; shared nodes could grow without end.
-        raise ValueError(f"node {index} is shared, or a node that is its own ancestor")
-    glb.visited.add(index)
-    node = glb.document["nodes"][index]
-    transform = parent @ _node_transform(node)
-    mesh: dict[str, Any] = glb.document["meshes"][node["mesh"]] if "mesh" in node else {}
-    for primitive in mesh.get("primitives", []):
-        mode = primitive.get("mode", _TRIANGLES)
-        if mode in _POINTS_AND_LINES:
-            continue
-        if mode != _TRIANGLES:
-            raise ValueError("triangle strips and fans are not supported")
-        vertices, faces = _primitive(glb, primitive)
-        # A mirrored node turns its triangles inside out.
-        mirrored = np.linalg.det(transform[:3, :3]) < 0
-        yield (
-            vertices @ transform[:3, :3].T + transform[:3, 3],
-            faces[:, ::-1] if mirrored else faces,
+def _check_extensions(names: Iterable[str]) -> None:
+    """Refuse what may change a shape and is not applied."""
+    unknown = sorted(name for name in names if not _READ.fullmatch(name))
+    if unknown:
+        packed = any("compression" in name for name in unknown)
+        raise DataError(
+            f"needs {', '.join(unknown)}",
+            hint=f"Export it again without {'compression' if packed else 'that'}",
         )
-    for child in node.get("children", []):
-        yield from _node(glb, child, transform)
 
 
-def _primitive(glb: _Glb, primitive: dict[str, Any]) -> tuple[Floats, Ints]:
-    vertices = _accessor(glb, primitive["attributes"]["POSITION"]).astype(np.float64)
-    if "indices" in primitive:
-        faces = _accessor(glb, primitive["indices"]).astype(np.int64).reshape(-1, 3)
+def _transforms(glb: _Glb) -> dict[int, Floats]:
+    """Where each node of the default scene is, or of the whole file if it has no scene."""
+    nodes: list[dict[str, Any]] = glb.document.get("nodes", [])
+    if scenes := glb.document.get("scenes"):
+        roots = scenes[glb.document.get("scene", 0)].get("nodes", [])
     else:
-        faces = np.arange(len(vertices)).reshape(-1, 3)
-    if faces.size and int(faces.max()) >= len(vertices):
-        raise IndexError(f"vertex {int(faces.max())} of {len(vertices)}")
-    return vertices, faces
+        children = {child for node in nodes for child in node.get("children", [])}
+        roots = [index for index in range(len(nodes)) if index not in children]
+    found: dict[int, Floats] = {}
+    left = [(index, np.eye(4)) for index in reversed(roots)]
+    while left:
+        index, parent = left.pop()
+        if index in found:
+            # The format gives a node one parent; shared nodes could grow without end.
+            raise ValueError(f"node {index} is shared, or a node that is its own ancestor")
+        node = nodes[index]
+        _check_extensions(node.get("extensions", {}))
+        found[index] = parent @ _node_transform(node)
+        left += [(child, found[index]) for child in reversed(node.get("children", []))]
+    return found
 
 
 def _node_transform(node: dict[str, Any]) -> Floats:
@@ -165,21 +186,137 @@ def _node_transform(node: dict[str, Any]) -> Floats:
     return transform
 
 
-def _accessor(glb: _Glb, index: int) -> NDArray[Any]:
+def _pieces(glb: _Glb) -> Iterator[_Piece]:
+    """The triangles of every primitive at every node, in the file's axes."""
+    total = 0
+    for index, transform in _transforms(glb).items():
+        node = glb.document["nodes"][index]
+        mesh: dict[str, Any] = glb.document["meshes"][node["mesh"]] if "mesh" in node else {}
+        posed = ["a skin"] if mesh and "skin" in node else []
+        _check_extensions([*mesh.get("extensions", {}), *posed])
+        weights = node.get("weights", mesh.get("weights", []))
+        for primitive in mesh.get("primitives", []):
+            mode = primitive.get("mode", _TRIANGLES)
+            if mode in _POINTS_AND_LINES:
+                continue
+            if mode != _TRIANGLES:
+                raise ValueError("triangle strips and fans are not supported")
+            vertices, faces = _primitive(glb, primitive, weights)
+            total += len(vertices) + len(faces)
+            if total > _MOST_ELEMENTS:
+                raise ValueError(f"more than {_MOST_ELEMENTS} vertices and triangles")
+            # A mirrored node turns its triangles inside out.
+            mirrored = np.linalg.det(transform[:3, :3]) < 0
+            placed = vertices @ transform[:3, :3].T + transform[:3, 3]
+            yield placed, faces[:, ::-1] if mirrored else faces, primitive
+
+
+def _primitive(glb: _Glb, primitive: dict[str, Any], weights: Any) -> tuple[Floats, Ints]:
+    _check_extensions(set(primitive.get("extensions", {})) - {"KHR_draco_mesh_compression"})
+    vertices = _accessor(glb, primitive["attributes"]["POSITION"], 3).astype(np.float64)
+    for target, weight in zip(primitive.get("targets", []), weights, strict=False):
+        if weight and "POSITION" in target:
+            vertices = vertices + weight * _accessor(glb, target["POSITION"], 3)
+        if weight and any(name.startswith(("COLOR", "TEXCOORD")) for name in target):
+            raise ValueError("morph targets that change colours are not supported")
+    if "indices" in primitive:
+        indices = _accessor(glb, primitive["indices"], 1)
+        if indices.dtype.kind != "u":
+            raise ValueError("indices that are not whole numbers")
+        faces = indices.astype(np.int64).reshape(-1, 3)
+    else:
+        faces = np.arange(len(vertices)).reshape(-1, 3)
+    if faces.size and int(faces.max()) >= len(vertices):
+        raise IndexError(f"vertex {int(faces.max())} of {len(vertices)}")
+    return vertices, faces
+
+
+def _accessor(glb: _Glb, index: int, width: int = 0) -> NDArray[Any]:
+    """(count, width) values; whole numbers that stand for parts of one are made such."""
     accessor = glb.document["accessors"][index]
-    if "sparse" in accessor or "bufferView" not in accessor:
-        raise ValueError("sparse accessors are not supported")
-    view = glb.document["bufferViews"][accessor["bufferView"]]
-    if glb.document["buffers"][view["buffer"]].get("uri"):
+    kind, number = np.dtype(_KINDS[accessor["componentType"]]), int(accessor["count"])
+    found = _WIDTHS[accessor["type"]]
+    if width and found != width:
+        raise ValueError(f"an accessor of {accessor['type']} instead of {width} numbers")
+    if "bufferView" in accessor:
+        values = _values(glb, accessor, kind, number, found)
+    elif "sparse" in accessor and 0 < number <= _MOST_ELEMENTS:
+        values = np.zeros((number, found), kind)
+    else:
+        raise ValueError("an accessor has no data, as of a compressed mesh")
+    if "sparse" in accessor:
+        sparse = accessor["sparse"]
+        where = np.dtype(_KINDS[sparse["indices"]["componentType"]])
+        places = _values(glb, sparse["indices"], where, sparse["count"], 1)
+        values = values.copy()
+        values[places[:, 0]] = _values(glb, sparse["values"], kind, sparse["count"], found)
+    if accessor.get("normalized") and kind.kind != "f":
+        return np.maximum(values / np.iinfo(kind).max, -1.0)
+    return values
+
+
+def _values(
+    glb: _Glb, place: dict[str, Any], kind: np.dtype[Any], number: int, width: int
+) -> NDArray[Any]:
+    """(number, width) values of a buffer."""
+    view = glb.document["bufferViews"][place["bufferView"]]
+    _check_extensions(view.get("extensions", {}))
+    if view["buffer"] != 0 or glb.document["buffers"][0].get("uri"):
         raise ValueError("external buffers are not supported in a GLB")
-    kind = np.dtype(_KINDS[accessor["componentType"]])
-    width, count = _WIDTHS[accessor["type"]], int(accessor["count"])
-    start, offset = view.get("byteOffset", 0), accessor.get("byteOffset", 0)
+    start, offset = view.get("byteOffset", 0), place.get("byteOffset", 0)
     stride = view.get("byteStride", 0) or kind.itemsize * width
-    end = offset + stride * (count - 1) + kind.itemsize * width
-    if count > 3 * _MOST_ELEMENTS or stride < kind.itemsize * width:
+    end = offset + stride * (number - 1) + kind.itemsize * width
+    if number > 3 * _MOST_ELEMENTS or stride < kind.itemsize * width:
         raise ValueError(f"more than {_MOST_ELEMENTS} vertices and triangles, or some in one place")
-    if count < 1 or end > view["byteLength"] or start + end > len(glb.binary):
+    if number < 1 or end > view["byteLength"] or start + end > len(glb.binary):
         raise ValueError("an accessor reaches past the end of the file")
     strides = (stride, kind.itemsize)
-    return np.ndarray((count, width), kind, glb.binary, start + offset, strides)
+    return np.ndarray((number, width), kind, glb.binary, start + offset, strides)
+
+
+def _part(glb: _Glb, vertices: Floats, faces: Ints, primitive: dict[str, Any]) -> GlbPart:
+    attributes = primitive["attributes"]
+    colours = None
+    if "COLOR_0" in attributes:
+        given = _accessor(glb, attributes["COLOR_0"])[:, :3]
+        whole = 1.0 if given.dtype.kind == "f" else np.iinfo(given.dtype).max
+        colours = np.clip(given.astype(np.float64) / whole, 0.0, 1.0)
+    if "material" not in primitive:
+        return GlbPart(vertices, faces, None, colours, None, None, "OPAQUE")
+    material = glb.document["materials"][primitive["material"]]
+    base, kind = material.get("pbrMetallicRoughness", {}), "baseColor"
+    if _SPECULAR in material.get("extensions", {}):
+        base, kind = material["extensions"][_SPECULAR], "diffuse"
+    factor = np.array(base.get(f"{kind}Factor", (1, 1, 1, 1))[:3], dtype=np.float64)
+    picture = uv = None
+    if f"{kind}Texture" in base:
+        picture, uv = _texture(glb, base[f"{kind}Texture"], attributes)
+    alpha = str(material.get("alphaMode", "OPAQUE"))
+    return GlbPart(vertices, faces, np.clip(factor, 0.0, 1.0), colours, picture, uv, alpha)
+
+
+def _texture(glb: _Glb, info: dict[str, Any], attributes: dict[str, int]) -> tuple[bytes, Floats]:
+    """A picture and the coordinates of vertices in it, from the bottom left."""
+    texture = glb.document["textures"][info["index"]]
+    image: dict[str, int] = {}
+    if "source" in texture:
+        image = glb.document["images"][texture["source"]]
+    if "bufferView" not in image or _TRANSFORM in info.get("extensions", {}):
+        raise DataError(
+            "has a texture that is not read",
+            expected="a PNG or JPEG inside the file, placed by its coordinates alone",
+            got=", ".join([*texture.get("extensions", {}), *info.get("extensions", {})])
+            or "a picture in another file",
+            hint="Export it again in that way",
+        )
+    name = f"TEXCOORD_{info.get('texCoord', 0)}"
+    uv = _accessor(glb, attributes[name], 2).astype(np.float64)
+    sampler: dict[str, int] = {}
+    if "sampler" in texture:
+        sampler = glb.document["samplers"][texture["sampler"]]
+    wraps = {sampler.get("wrapS", _REPEAT), sampler.get("wrapT", _REPEAT)}
+    if wraps != {_REPEAT} and np.abs(uv - 0.5).max() > 0.5 + _SLACK:
+        raise DataError("has coordinates outside of a texture that does not repeat")
+    view = glb.document["bufferViews"][image["bufferView"]]
+    content = _values(glb, image, np.dtype("u1"), view["byteLength"], 1)
+    return content.tobytes(), np.column_stack([uv[:, 0], 1.0 - uv[:, 1]])

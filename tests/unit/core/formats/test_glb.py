@@ -201,8 +201,11 @@ def test_broken_files(tmp_path: Path, content: bytes, message: str) -> None:
             lambda d: d.update(extensionsRequired=["KHR_draco_mesh_compression"]),
             "mesh.glb: needs KHR_draco_mesh_compression.*without compression",
         ),
-        (lambda d: d["accessors"][0].update(sparse={}), "sparse accessors are not supported"),
-        (lambda d: d["accessors"][0].pop("bufferView"), "sparse accessors are not supported"),
+        (lambda d: d["accessors"][0].update(sparse={}), "not a readable GLB .*KeyError"),
+        (
+            lambda d: d["accessors"][0].pop("bufferView"),
+            "an accessor has no data, as of a compress",
+        ),
         (lambda d: d["buffers"][0].update(uri="mesh.bin"), "external buffers"),
         (lambda d: d["meshes"][0]["primitives"][0].update(mode=5), "strips and fans"),
         (lambda d: d["meshes"][0]["primitives"][0].update(mode=1), "has no triangles"),
@@ -223,3 +226,207 @@ def test_broken_files(tmp_path: Path, content: bytes, message: str) -> None:
 def test_broken_documents(tmp_path: Path, change: Callable[[dict], object], message: str) -> None:
     with pytest.raises(DataError, match=message):
         read_changed(tmp_path, change)
+
+
+def with_target(d: dict, **where: list[float]) -> None:
+    """One morph target that lifts the last vertex by two, stored after the indices."""
+    d["accessors"].append({"bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC3"})
+    d["bufferViews"].append({"buffer": 0, "byteOffset": 104, "byteLength": 48})
+    d["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 2}]
+    for name, weights in where.items():
+        d[name][0]["weights"] = weights
+
+
+LIFT = np.array([[0, 0, 0]] * 3 + [[0, 0, 2]], "<f4").tobytes()
+
+
+@pytest.mark.parametrize(
+    ("where", "height"),
+    [
+        ({"meshes": [0.5]}, 2.0),
+        ({"nodes": [0.25]}, 1.5),
+        ({"meshes": [1.0], "nodes": [-0.25]}, 0.5),
+        ({"meshes": [1.0], "nodes": [0.0]}, 1.0),
+        ({}, 1.0),
+    ],
+)
+def test_morph_targets_count_by_their_weights(tmp_path: Path, where: dict, height: float) -> None:
+    changed = document()
+    with_target(changed, **where)
+    changed["nodes"][0]["scale"] = [1, 1, 10]
+    mesh = read(tmp_path, glb(changed, BINARY + LIFT))
+    np.testing.assert_allclose(mesh.vertices[3], [0, 0, 10 * height])
+    np.testing.assert_array_equal(mesh.vertices[:3], POINTS[:3])
+
+
+@pytest.mark.parametrize("based", [False, True])
+def test_sparse_values_replace_others(tmp_path: Path, based: bool) -> None:
+    changed = document()
+    with_target(changed, meshes=[1.0])
+    target = changed["accessors"][2]
+    target["sparse"] = {
+        "count": 1,
+        "indices": {"bufferView": 3, "componentType": 5121},
+        "values": {"bufferView": 2, "byteOffset": 36},
+    }
+    changed["bufferViews"].append({"buffer": 0, "byteOffset": 152, "byteLength": 1})
+    if not based:
+        del target["bufferView"]
+    mesh = read(tmp_path, glb(changed, BINARY + LIFT + b"\1"))
+    assert mesh.vertices[1].tolist() == [1, 0, 2]
+    assert mesh.vertices[3].tolist() == [0, 0, 3 if based else 1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "normalized", "unit"),
+    [("i1", 5120, True, 127), ("<u2", 5123, True, 65535), ("<i2", 5122, False, 1)],
+)
+def test_quantized_positions(tmp_path: Path, kind: str, code: int, normalized, unit: int) -> None:
+    places = np.zeros((4, 4), kind)
+    places[:, :3] = POINTS * unit
+    changed = document()
+    changed["extensionsRequired"] = ["KHR_mesh_quantization"]
+    changed["accessors"][0] |= {"componentType": code, "normalized": normalized}
+    size = places.nbytes
+    changed["bufferViews"][0] = {"buffer": 0, "byteLength": size, "byteStride": size // 4}
+    changed["bufferViews"][1]["byteOffset"] = size
+    mesh = read(tmp_path, glb(changed, places.tobytes() + TRIANGLES.tobytes()))
+    np.testing.assert_allclose(mesh.vertices, POINTS)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["KHR_materials_unlit", "KHR_texture_basisu", "KHR_lights_punctual", "EXT_texture_webp"],
+)
+def test_extensions_that_change_no_shape_may_be_required(tmp_path: Path, name: str) -> None:
+    mesh = read_changed(tmp_path, lambda d: d.update(extensionsRequired=[name]))
+    np.testing.assert_array_equal(mesh.vertices, POINTS)
+    mesh = read_changed(tmp_path, lambda d: d["nodes"][0].update(extensions={name: {}}))
+    np.testing.assert_array_equal(mesh.faces, TRIANGLES)
+
+
+def test_a_compressed_copy_beside_whole_data_is_not_needed(tmp_path: Path) -> None:
+    draco = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+    mesh = read_changed(
+        tmp_path, lambda d: d["meshes"][0]["primitives"][0].update(extensions=draco)
+    )
+    np.testing.assert_array_equal(mesh.vertices, POINTS)
+
+
+def node_extension(name: str) -> Callable[[dict], object]:
+    return lambda d: d["nodes"][0].update(extensions={name: {}})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (node_extension("EXT_mesh_gpu_instancing"), "needs EXT_mesh_gpu_instancing"),
+        (node_extension("VRMC_node_constraint"), "needs VRMC_node_constraint"),
+        (node_extension("KHR_node_visibility"), "needs KHR_node_visibility"),
+        (lambda d: d["meshes"][0].update(extensions={"A_b": {}}), "needs A_b.* without that"),
+        (
+            lambda d: d["meshes"][0]["primitives"][0].update(extensions={"A_b": {}}),
+            "needs A_b.* without that",
+        ),
+        (
+            lambda d: d["bufferViews"][0].update(extensions={"EXT_meshopt_compression": {}}),
+            "needs EXT_meshopt_compression.* without compression",
+        ),
+        (
+            lambda d: d.update(extensionsRequired=["KHR_materials_unlit", "EXT_x", "A_b"]),
+            "needs A_b, EXT_x",
+        ),
+        (lambda d: d["nodes"][0].update(skin=0), "mesh.glb: needs a skin"),
+        (lambda d: d["bufferViews"][0].update(buffer=1), "external buffers"),
+        (lambda d: d["accessors"][1].update(type="VEC3", count=4), "an accessor of VEC3"),
+        (
+            lambda d: d["accessors"][1].update(componentType=5126, count=6),
+            "indices that are not whole",
+        ),
+    ],
+)
+def test_what_may_change_the_shape_is_refused_by_name(tmp_path, change, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read_changed(tmp_path, change)
+
+
+def part_of(folder: Path, material: dict | None, **more: list) -> gltf.GlbPart:
+    """The part of a file with a material, and a texture after the indices."""
+    changed = document()
+    changed["accessors"].append({"bufferView": 2, "componentType": 5126, "count": 4})
+    changed["accessors"][2]["type"] = "VEC2"
+    changed["bufferViews"].append({"buffer": 0, "byteOffset": 12, "byteLength": 68})
+    changed["bufferViews"][2]["byteStride"] = 20
+    changed["bufferViews"].append({"buffer": 0, "byteOffset": 104, "byteLength": 7})
+    primitive = changed["meshes"][0]["primitives"][0]
+    primitive["attributes"]["TEXCOORD_0"] = 2
+    if material is not None:
+        changed["materials"], primitive["material"] = [material], 0
+    changed["textures"], changed["images"] = [{"source": 0}], [{"bufferView": 3}]
+    (folder / "mesh.glb").write_bytes(glb(changed | more, BINARY + b"picture"))
+    (part,) = gltf.read_glb_parts(folder / "mesh.glb")
+    return part
+
+
+def test_a_material_and_its_picture(tmp_path: Path) -> None:
+    base = {"baseColorFactor": [1, 0.5, 0.2, 0.7], "baseColorTexture": {"index": 0}}
+    part = part_of(tmp_path, {"pbrMetallicRoughness": base, "alphaMode": "BLEND"})
+    assert part.picture == b"picture"
+    assert part.factor is not None
+    assert part.factor.tolist() == [1, 0.5, 0.2]
+    assert part.uv is not None
+    # Sevens from the top are minus sixes from the bottom.
+    assert part.uv.tolist() == [[7, -6]] * 4
+    assert (part.alpha, part.colours) == ("BLEND", None)
+    plain = part_of(tmp_path, None)
+    assert (plain.factor, plain.picture, plain.alpha) == (None, None, "OPAQUE")
+
+
+def test_the_diffuse_colour_of_an_older_material_counts(tmp_path: Path) -> None:
+    older = {"diffuseFactor": [0.1, 0.2, 0.3, 1], "diffuseTexture": {"index": 0}}
+    material = {
+        "extensions": {"KHR_materials_pbrSpecularGlossiness": older},
+        "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 1]},
+    }
+    part = part_of(tmp_path, material)
+    assert part.factor is not None
+    assert part.factor.tolist() == [0.1, 0.2, 0.3]
+    assert part.picture == b"picture"
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "white"), [("u1", 5121, 255), ("<u2", 5123, 65535), ("<f4", 5126, 1)]
+)
+@pytest.mark.parametrize("width", [3, 4])
+def test_vertex_colours_are_linear_from_zero_to_one(tmp_path, kind, code, white, width) -> None:
+    values = (np.eye(4)[:, :width] * white).astype(kind)
+    changed = document()
+    changed["accessors"].append({"bufferView": 2, "componentType": code, "count": 4})
+    changed["accessors"][2]["type"] = f"VEC{width}"
+    changed["bufferViews"].append({"buffer": 0, "byteOffset": 104, "byteLength": values.nbytes})
+    changed["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
+    (tmp_path / "mesh.glb").write_bytes(glb(changed, BINARY + values.tobytes()))
+    (part,) = gltf.read_glb_parts(tmp_path / "mesh.glb")
+    np.testing.assert_array_equal(part.colours, np.eye(4)[:, :3])
+
+
+@pytest.mark.parametrize(
+    ("texture", "more", "message"),
+    [
+        ({"extensions": {"KHR_texture_transform": {}}}, {}, "texture that is not read .*transform"),
+        ({"texCoord": 1}, {}, "not a readable GLB .*TEXCOORD_1"),
+        ({}, {"images": [{"uri": "skin.png"}]}, "got a picture in another file"),
+        ({}, {"textures": [{"extensions": {"EXT_texture_webp": {}}}]}, "got EXT_texture_webp"),
+        (
+            {},
+            {"textures": [{"source": 0, "sampler": 0}], "samplers": [{"wrapT": 33071}]},
+            "outside of a texture that does not repeat",
+        ),
+    ],
+)
+def test_textures_that_are_not_read(tmp_path: Path, texture: dict, more, message: str) -> None:
+    base = {"baseColorTexture": {"index": 0, **texture}}
+    with pytest.raises(DataError, match=message):
+        part_of(tmp_path, {"pbrMetallicRoughness": base}, **more)
+    # Its shape is read all the same.
+    assert len(read_glb(tmp_path / "mesh.glb").faces) == 4
