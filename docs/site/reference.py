@@ -7,7 +7,7 @@ import pkgutil
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from harness.cli.verb_list import VERBS, verb_command
+from harness.cli.verb_list import all_verbs, verb_command
 
 #: What people who add methods, metrics or tables import.
 PACKAGES = ("harness.core", "harness.geometry", "metrics", "reports.tables")
@@ -16,7 +16,7 @@ PACKAGES = ("harness.core", "harness.geometry", "metrics", "reports.tables")
 def commands_page() -> str:
     """Every command with its arguments and options, as Markdown."""
     parts = ["# Commands\n", "Every command of `harness`, from its own help.\n"]
-    for verb in VERBS:
+    for verb in all_verbs():
         parts += _command(f"harness {verb}", verb_command(verb), 2)
     return "\n".join(parts)
 

@@ -1,5 +1,8 @@
 """The verbs of the command line; a verb's module is imported when the verb is called.
 
+Packages add verbs: a ``typer.Typer`` under the entry-point group ``harness.verbs``, by the verb's
+name. The help shows the package's summary for it.
+
 This is the one lazy entry point of the command line: ``harness --help`` answers at once, and the
 modules of the verbs import what they need at the top like all others.
 """
@@ -7,12 +10,16 @@ modules of the verbs import what they need at the top like all others.
 from __future__ import annotations
 
 import importlib
+from importlib.metadata import entry_points
 from typing import Any
 
+import click
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from harness.core.missing import not_installed
 from harness.core.process.interrupts import stopped_by_signals
+from harness.core.process.registry import Registry
 
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
@@ -29,7 +36,6 @@ VERBS = {
     "check": "Compare the numbers of a run with a stored baseline.",
     "data": "List, check, add, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
-    "train": "Train the open networks.",
     "parts": "List, import and verify the parts that you bring.",
 }
 #: Modules of verbs that are not called like their verb.
@@ -43,19 +49,33 @@ _RUNNING = (
     "eval",
     "conform",
     "score",
-    "train",
 )
+#: Verbs of packages beside the bench, and the module that has them.
+_BESIDE = {"train": "normal_training"}
+_GROUP = "harness.verbs"
+_BROUGHT = Registry("command", {}, group=_GROUP)
+
+
+def all_verbs() -> dict[str, str]:
+    """What each verb does: our own, then those of installed packages."""
+    brought = {
+        point.name: (point.dist.metadata["Summary"] or "") if point.dist else ""
+        for point in entry_points(group=_GROUP)
+    }
+    return {**VERBS, **{name: brought[name] for name in sorted(brought) if name not in VERBS}}
 
 
 def verb_command(verb: str) -> Any:
-    """A verb's whole command with its options or its own verbs; imports the verb's module."""
-    return typer.main.get_command(importlib.import_module(verb_module(verb)).app)
+    """A verb's whole command with its options or its own verbs; imports the verb's module.
 
-
-def verb_module(verb: str) -> str:
-    """Dotted name of a verb's module."""
+    Raises:
+        MissingPart: a package's verb lacks something that is not installed.
+    """
+    if verb not in VERBS:
+        return typer.main.get_command(_BROUGHT.resolve(verb))
     folder = "running" if verb in _RUNNING else "showing"
-    return f"harness.cli.verbs.{folder}.{_MODULES.get(verb, verb)}"
+    module = f"harness.cli.verbs.{folder}.{_MODULES.get(verb, verb)}"
+    return typer.main.get_command(importlib.import_module(module).app)
 
 
 class _LazyVerb(TyperCommand):
@@ -79,8 +99,19 @@ class Verbs(TyperGroup):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        for name, summary in VERBS.items():
+        for name, summary in all_verbs().items():
             self.add_command(_LazyVerb(name, help=summary, rich_markup_mode=None))
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """A verb by name.
+
+        Raises:
+            MissingPart: it belongs to a package beside the bench that is not installed.
+        """
+        found = super().get_command(ctx, cmd_name)
+        if found is None and cmd_name in _BESIDE:
+            raise not_installed(_BESIDE[cmd_name], f"'harness {cmd_name}'")
+        return found
 
 
 def verb_group(name: str) -> typer.Typer:

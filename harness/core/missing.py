@@ -11,6 +11,8 @@ _CHECKOUT = Path(__file__).resolve().parents[2]
 #: Packages that lie beside the bench, by the module that is imported.
 _BESIDE = {
     "clothed_avatars": "clothed-avatars",
+    "normal_training": "normal-training",
+    "open_normals": "open-normals",
 }
 
 

@@ -183,7 +183,7 @@ def _open_network() -> Finding:
     except HarnessError:
         needed = False  # econ's own finding says why it cannot be loaded
     try:
-        found = installed.find(installed.OPEN_NETWORK, installed.shipped_place())
+        found = installed.shipped()
     except HarnessError as error:
         return Finding("network", installed.OPEN_NETWORK, False, needed, error.what, error.hint)
     note = f"{found.bytes / 2**20:.1f} MiB, {found.licence}, trained on {found.training_set}"

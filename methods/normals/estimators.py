@@ -115,7 +115,11 @@ class NormalChoice:
         if self.kind == "oracle":
             return (_PRIVILEGE,)
         # By content: it may be named by its file, or be imported under another name.
-        shipped = {network.sha256 for network in installed.listed(installed.shipped_place())}
+        shipped = {
+            network.sha256
+            for place in installed.shipped_places()
+            for network in installed.listed(place)
+        }
         learned = self.kind == "onnx" and self.part.sha256 in shipped
         return (Privilege.GENERATOR_PRIOR,) if learned or self.kind == "open" else ()
 
@@ -179,7 +183,7 @@ class NormalChoice:
     def _installed(self) -> installed.Network | None:
         """The network that is meant by a name, if one is."""
         if self.kind == "open":
-            return installed.find(installed.OPEN_NETWORK, installed.shipped_place())
+            return installed.shipped()
         if self.kind == "onnx" and not (self.model.endswith(".onnx") or "/" in self.model):
             return installed.named(self.model)
         return None

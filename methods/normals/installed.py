@@ -1,8 +1,9 @@
-"""Networks by name: those that come with the package, and those that a user imported.
+"""Networks by name: those of installed packages, and those that a user imported.
 
-Both places are a folder with ONNX files and an index ``weights.json``: by name the file, its size
-and sha256, its licence and what it was trained on. A network is checked against its sum before it
-is used, so that a record's hash is that of what ran.
+A package registers itself under ``harness.weights``, by the name of its network: it is a folder of
+data alone. Every place is a folder with ONNX files and an index ``weights.json``: by name the file,
+its size and sha256, its licence and what it was trained on. A network is checked against its sum
+before it is used, so that a record's hash is that of what ran.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import functools
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +20,24 @@ from harness.core.errors import DataError, HarnessError, MissingPart, did_you_me
 from harness.core.files.atomic import atomic_path, exclusive_lock, read_json, write_json
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import NAME_RULE, is_name
+from harness.core.missing import how_to_install
+from harness.core.process.registry import Registry
 from harness.core.protocols import Part
 from methods.normals.onnx_estimator import OnnxNormals
 from methods.normals.onnx_files import network_stamp
 from methods.parts.folders import user_folder
 
-#: The estimator of our own, shipped with the package.
-OPEN_NETWORK = "open-normals7"
+#: The estimator of our own, and the package that has it.
+OPEN_NETWORK, _OPEN_PACKAGE = "open-normals7", "open_normals"
+
+_WEIGHTS = Registry("network", {}, group="harness.weights")
 
 _INDEX = "weights.json"
+_SHIPPED_HINT = (
+    f"Run: {how_to_install(_OPEN_PACKAGE)}; or train one with 'harness train normals', run "
+    "'harness parts import normals-onnx FILE.onnx --name mine', and set normals=onnx and "
+    "normals_model=mine"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +109,15 @@ class Check:
         return {**self.network.to_dict(), "state": self.state, "note": self.note}
 
 
-def shipped_place() -> Place:
-    """The folder inside the package."""
-    return Place("shipped", Path(__file__).resolve().parent / "weights")
+def shipped_places() -> tuple[Place, ...]:
+    """The folders of all installed packages with networks."""
+    specs = [find_spec(_WEIGHTS.module(name)) for name in _WEIGHTS]
+    folders = {
+        Path(folder)
+        for spec in specs
+        for folder in (spec and spec.submodule_search_locations) or ()
+    }
+    return tuple(Place("shipped", folder) for folder in sorted(folders))
 
 
 def imported_place() -> Place:
@@ -145,6 +162,19 @@ def find(name: str, place: Place) -> Network:
     return found.network
 
 
+def shipped(name: str = OPEN_NETWORK) -> Network:
+    """The network of a name that an installed package has, by default our own.
+
+    Raises:
+        MissingPart: there is none of that name, or its file is gone.
+        DataError: the file is another one.
+    """
+    known = {network.name: place for place in shipped_places() for network in listed(place)}
+    if name in known:
+        return find(name, known[name])
+    raise MissingPart(f"no network '{name}' is shipped", got=", ".join(known), hint=_SHIPPED_HINT)
+
+
 def named(name: str) -> Network:
     """The network of a name: the user's own, or else a shipped one.
 
@@ -152,10 +182,12 @@ def named(name: str) -> Network:
         MissingPart: there is none of that name, or its file is gone.
         DataError: the file is another one.
     """
-    own, shipped = imported_place(), shipped_place()
-    is_shipped = name in {network.name for network in listed(shipped)}
+    own = imported_place()
+    is_shipped = any(
+        name == network.name for place in shipped_places() for network in listed(place)
+    )
     is_own = name in {network.name for network in listed(own)}
-    return find(name, shipped if is_shipped and not is_own else own)
+    return shipped(name) if is_shipped and not is_own else find(name, own)
 
 
 def check(names: Sequence[str] = ()) -> list[Check]:
@@ -165,7 +197,7 @@ def check(names: Sequence[str] = ()) -> list[Check]:
         HarnessError: nobody knows a name.
         DataError: an index is not what it should be.
     """
-    networks = [*listed(shipped_place()), *listed(imported_place())]
+    networks = [each for place in (*shipped_places(), imported_place()) for each in listed(place)]
     known = {network.name for network in networks}
     for name in names:
         if name not in known:
@@ -181,7 +213,7 @@ def import_file(path: Path, name: str, place: Place, *, replace: bool = False) -
     Args:
         path: An ONNX file as ``methods/normals/onnx_estimator.py`` describes it.
         name: How it will be asked for.
-        place: Where it goes; what is shipped has to say what it was trained on.
+        place: Where it goes.
         replace: Whether it may take the place of another one of that name.
 
     Raises:
@@ -196,8 +228,7 @@ def import_file(path: Path, name: str, place: Place, *, replace: bool = False) -
             hint="Give another one with --name",
         )
     network = _examined(path, name, place)
-    # In the user's folder for both places: a lock is nothing to ship.
-    with exclusive_lock(imported_place().folder / ".lock"):
+    with exclusive_lock(place.folder / ".lock"):
         entries = read_json(place.index) if place.index.is_file() else {}
         before = entries.get(name)
         if before and before.get("sha256") != network.sha256 and not replace:
@@ -234,11 +265,6 @@ def _examined(path: Path, name: str, place: Place) -> Network:
         raise DataError(f"no file at {path}")
     estimator = OnnxNormals(path)
     estimator.trial()
-    if place.title == "shipped" and not estimator.training_set:
-        raise DataError(
-            f"{path} does not say what it was trained on, and could not be shipped",
-            expected="metadata 'training_set'",
-        )
     return Network(
         name=name,
         path=place.folder / f"{name}.onnx",
@@ -301,11 +327,7 @@ def _checked(network: Network, sum_of: Any) -> Check:
 def _how_to_get(name: str, place: Place) -> str:
     if place.title == "imported":
         return f"Run: harness parts import normals-onnx FILE.onnx --name {name}"
-    return (
-        "It comes with the package. Install that again; or train one with 'harness train normals', "
-        "run 'harness parts import normals-onnx FILE.onnx --name mine', and set normals=onnx and "
-        "normals_model=mine"
-    )
+    return _SHIPPED_HINT
 
 
 def _how_to_mend(place: Place) -> str:

@@ -20,22 +20,22 @@ class _Networks:
         role="normal estimator",
         purpose="a network that turns a photo into normals of clothes",
         licence="as the file says",
-        source="open-normals is shipped; 'harness train normals' trains another one; for photos of "
-        "real people take DAViD's surface normal model (MIT, https://aka.ms/DAViD), with "
+        source="the package open-normals has one; 'harness train normals' trains another one; for "
+        "photos of real people take DAViD's surface normal model (MIT, https://aka.ms/DAViD), with "
         f"--recipe {next(iter(RECIPES))}",
         files=("FILE.onnx",),
-        takes=("name", "ship", "recipe"),
+        takes=("name", "recipe"),
     )
 
     def installed(self) -> Sequence[InstalledPart]:
         """Shipped ones first; see ``PartKind``."""
-        places = (installed.shipped_place(), installed.imported_place())
+        places = (*installed.shipped_places(), installed.imported_place())
         return [_described(network) for place in places for network in installed.listed(place)]
 
     def add(self, file: Path, options: ImportOptions) -> InstalledPart:
         """Check a network and copy it; see ``PartKind``."""
         options.require_taken_by(self.about)
-        place = installed.shipped_place() if options.ship else installed.imported_place()
+        place = installed.imported_place()
         name = options.name or options.recipe or file.stem
         if not options.recipe:
             return _described(installed.import_file(file, name, place, replace=options.replace))

@@ -70,14 +70,12 @@ class ImportOptions:
         recipe: Which recipe makes the file usable.
         python: The interpreter of an environment that the part runs in.
         replace: Whether the part may take the place of another one of that name.
-        ship: Whether it goes into this checkout's package.
     """
 
     name: str = ""
     recipe: str = ""
     python: Path | None = None
     replace: bool = False
-    ship: bool = False
 
     def require_taken_by(self, about: About) -> None:
         """Refuse options that a kind does not understand.

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import typer
 
-from harness.cli.verb_list import VERBS, verb_command
+from harness.cli.verb_list import all_verbs, verb_command
 from harness.core.errors import HarnessError
 from tests.architecture.test_documents import commands
 
@@ -40,7 +40,7 @@ def parsed(words: list[str]) -> str:
     """What the command line says of the words after ``harness`` before it does anything."""
     rest = list(words)
     name = rest.pop(0) if rest else ""
-    if name not in VERBS:
+    if name not in all_verbs():
         return f"no command '{name}'"
     command = verb_command(name)
     while subcommands := getattr(command, "commands", None):

@@ -25,7 +25,7 @@ USED = {
     "harness/core/formats/obj.py": "photos stale: changed: code of harness.core.formats.obj",
 }
 UNUSED = (
-    "methods/body/fit/jmbo.py", "methods/normals/training/networks/network.py",
+    "methods/body/fit/jmbo.py",
     "methods/clothed.py",
     "methods/gt.py", "methods/catalog.py", "reports/formats/latex.py",
     "harness/cli/verbs/showing/report.py",

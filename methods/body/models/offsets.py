@@ -6,7 +6,7 @@ on 34 draped training avatars, none of them a test subject, with what silhouette
 them in a fit. Fitted to 18 of them and tried on the other 16, joints come 0.5 mm nearer by the
 latter. After it, landmarks of a fitted subject differ from the mean (median distance) by 3 to 5 mm
 at head, shoulders and wrists, 9 at elbows, 10 to 13 at hips, knees and ankles.
-``python -m harness.pipeline.training.landmark_offsets t00001..t00036`` measures them again. They
+``python -m harness.pipeline.calibrating.landmark_offsets t00001..t00036`` measures them again. They
 are of two readings a photo; six (see ``detection``) move them by 2 mm at most and fitted joints by
 0.02.
 """

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from clothed_avatars.clothes.wardrobe import Fabric
+from clothed_avatars.generator import AVATARS
 from clothed_avatars.people.poses import POSES
 from clothed_avatars.recipe import recipe_for, subject_ids
 from clothed_avatars.subjects.written import SUBJECTS
@@ -106,3 +107,12 @@ def test_the_listed_classes_are_those_of_the_generator(request):
     for subject, listed in avatars.classes.items():
         recipe = recipe_for(subject)
         assert (listed.clothing, listed.pose) == (recipe.clothing, recipe.pose), subject
+
+
+def test_a_subject_whose_recipe_changed_is_made_anew(tmp_path):
+    recipe = json.loads(json.dumps(recipe_for("s01").as_dict()))
+    for pose, current in ((recipe["pose"], True), ("another", False)):
+        made = {"version": AVATARS.version, "recipe": {**recipe, "pose": pose}}
+        (tmp_path / "avatar.json").write_text(json.dumps(made))
+        assert AVATARS.is_current("s01", tmp_path, 0.0) is current
+        assert not AVATARS.is_current("s01", tmp_path, 0.5)

@@ -51,7 +51,7 @@ def test_the_readme_installs_every_library_that_the_doctor_knows():
 
 def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypatch):
     place = installed.Place("shipped", tmp_path)
-    monkeypatch.setattr(installed, "shipped_place", lambda: place)
+    monkeypatch.setattr(installed, "shipped_places", lambda: (place,))
     found = doctor._open_network()
     assert (found.kind, found.name, found.usable) == ("network", OPEN_NETWORK, False)
     assert found.needed == (econ.settings.normals == "open")
@@ -78,7 +78,7 @@ def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypa
 
 
 def test_a_method_whose_network_is_not_there_is_not_usable(tmp_path, monkeypatch):
-    monkeypatch.setattr(installed, "shipped_place", lambda: installed.Place("shipped", tmp_path))
+    monkeypatch.setattr(installed, "shipped_places", tuple)
     monkeypatch.setattr("methods.econ.econ", econ.configured({"surface.normals": "open"}))
     found = {finding.name: finding for finding in doctor._catalogued()}
     assert not found["econ"].usable

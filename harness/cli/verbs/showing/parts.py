@@ -22,12 +22,12 @@ from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.formats.typed_json import to_json
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.training.smplx_calibration import (
+from harness.pipeline.calibrating.smplx_calibration import (
     CalibrationRequest,
     calibrate_smplx,
     forget_smplx,
 )
+from harness.pipeline.inputs.workspace import Workspace
 from methods.body.models.smplx_part import SMPLX
 from methods.body.smplx_offsets import (
     SmplxOffsets,
@@ -102,14 +102,6 @@ def import_part(
             "own.",
         ),
     ] = None,
-    ship: Annotated[
-        bool,
-        typer.Option(
-            "--ship",
-            help="Import a network into this source checkout's package, so that it is installed "
-            "with it.",
-        ),
-    ] = False,
     as_json: Json = False,
 ) -> None:
     """Check a file, convert it where it has to be, and keep it with its checksum and licence.
@@ -119,7 +111,7 @@ def import_part(
     HARNESS_WEIGHTS, or mexecon-harness/weights.
     """
     chosen = part_kind(kind)
-    options = ImportOptions(name=name, recipe=recipe, python=python, replace=replace, ship=ship)
+    options = ImportOptions(name=name, recipe=recipe, python=python, replace=replace)
     part = chosen.add(file, options)
     if as_json:
         print_json(part.to_dict())

@@ -26,7 +26,7 @@ from methods.body_fit import BodyFit, body_average, body_front, jmbo8, jmbo8_plu
 from methods.estimated_normals import EstimatedNormals
 from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import NormalChoice
-from methods.normals.installed import named
+from methods.normals.installed import OPEN_NETWORK, named
 
 SKIN = np.array([0.80, 0.60, 0.48])
 
@@ -340,8 +340,8 @@ def test_photos_are_read_once_for_all_that_share_them(capture, tmp_path, monkeyp
     [
         ({"normals": "off"}, False),
         ({}, True),
-        ({"normals": "onnx", "normals_model": "open-normals"}, True),
-        ({"normals": "onnx", "normals_model": str(named("open-normals").path)}, True),
+        ({"normals": "onnx", "normals_model": OPEN_NETWORK}, True),
+        ({"normals": "onnx", "normals_model": str(named(OPEN_NETWORK).path)}, True),
         ({"normals": "off", "prior": "0.001"}, True),
         ({"stage": "landmarks", "uncovered": "0.5"}, False),
         ({"normals": "off", "model": "anny"}, True),

@@ -98,7 +98,7 @@ def save_network() -> Callable[..., Path]:
 def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where networks are shipped, ``shipped``, and imported, ``own``, below this folder."""
     shipped = installed.Place("shipped", tmp_path / "shipped")
-    monkeypatch.setattr(installed, "shipped_place", lambda: shipped)
+    monkeypatch.setattr(installed, "shipped_places", lambda: (shipped,))
     monkeypatch.setenv("HARNESS_WEIGHTS", str(tmp_path / "own"))
     return tmp_path
 

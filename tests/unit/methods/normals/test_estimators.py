@@ -137,7 +137,7 @@ def test_the_open_network_is_the_shipped_one(places, save_network):
     with pytest.raises(MissingPart, match="is shipped"):
         _ = choice.part
     other = save_network(places / "other.onnx", training_set="avatars-train t00002")
-    shipped = installed.import_file(other, OPEN_NETWORK, installed.shipped_place())
+    shipped = installed.import_file(other, OPEN_NETWORK, installed.shipped_places()[0])
     part = choice.part
     assert (part.name, part.licence, part.sha256) == (OPEN_NETWORK, "Apache-2.0", shipped.sha256)
     assert choice.privileges == (Privilege.GENERATOR_PRIOR,)
@@ -149,7 +149,7 @@ def test_the_open_network_is_the_shipped_one(places, save_network):
 
 def test_a_name_means_the_user_s_own_network_or_else_a_shipped_one(places, save_network):
     path = save_network(places / "net.onnx", licence="CC0-1.0", training_set="avatars-train t00001")
-    shipped = installed.import_file(path, "second", installed.shipped_place())
+    shipped = installed.import_file(path, "second", installed.shipped_places()[0])
     assert NormalChoice("onnx", "second").part.sha256 == shipped.sha256
     other = save_network(places / "other.onnx", training_set="more")
     own = installed.import_file(other, "second", installed.imported_place())
@@ -181,7 +181,7 @@ def test_methods_can_do_without_a_network_that_is_not_there(places):
 def test_the_body_fit_takes_a_network_of_its_own(places, save_network):
     for name, training_set in ((OPEN_NETWORK, "avatars-train t00001"), ("second", "more")):
         path = save_network(places / f"{name}.onnx", licence="CC0-1.0", training_set=training_set)
-        installed.import_file(path, name, installed.shipped_place())
+        installed.import_file(path, name, installed.shipped_places()[0])
     other = {"body.normals": "onnx", "body.normals_model": "second"}
     assert jmbo8.configured(other).info.parts[-1].name == "second"
     both = mexecon8.configured(other).info
@@ -212,7 +212,7 @@ def test_another_network_is_another_record(places, save_network):
     identities = set()
     for trained in ("avatars-train t00001", "avatars-train t00002"):
         path = save_network(places / "net.onnx", training_set=trained)
-        installed.import_file(path, OPEN_NETWORK, installed.shipped_place(), replace=True)
+        installed.import_file(path, OPEN_NETWORK, installed.shipped_places()[0], replace=True)
         info = econ.configured({"surface.normals": "open"}).info
         identities.add(content_hash(info.identity()))
         assert str(places) not in str(info.to_dict())

@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.hashing import file_sha256
-from methods.normals import NormalChoice, installed
+from methods.normals import installed
 
 
 @pytest.fixture
@@ -81,13 +81,6 @@ def test_a_bad_file_changes_nothing(own, tmp_path, save_network):
     assert not own.folder.exists()
 
 
-def test_what_is_shipped_says_what_it_was_trained_on(own, tmp_path, save_network):
-    path = save_network(tmp_path / "n.onnx", training_set="")
-    assert installed.import_file(path, "mine", own).training_set == ""
-    with pytest.raises(DataError, match="what it was trained on.*training_set"):
-        installed.import_file(path, "open-normals", installed.shipped_place())
-
-
 def test_weights_beside_a_file_of_ones_own_are_in_its_sum(tmp_path, save_network):
     onnx = pytest.importorskip("onnx")
     plain = save_network(tmp_path / "n.onnx")
@@ -124,12 +117,6 @@ def test_weights_beside_the_file_are_refused(own, tmp_path, save_network):
         installed.import_file(path, "mine", own)
     assert installed.listed(own) == []
     assert list(own.folder.glob("*.onnx")) == []
-
-
-def test_nothing_but_network_and_index_is_shipped(places, file):
-    place = installed.shipped_place()
-    installed.import_file(file, "open-normals", place)
-    assert {path.name for path in place.folder.iterdir()} == {"open-normals.onnx", "weights.json"}
 
 
 def test_a_file_that_is_not_the_one_is_not_used(own, file):
@@ -190,18 +177,3 @@ def test_where_imported_networks_are(monkeypatch, tmp_path):
         monkeypatch.setenv("HOME", str(tmp_path / "ada"))
         below = Path(".local/share/mexecon-harness/weights")
         assert installed.imported_place().folder == tmp_path / "ada" / below
-
-
-def test_what_is_shipped_is_whole():
-    """The package's own folder: every entry's file is there, and every network has an entry."""
-    place = installed.shipped_place()
-    networks = installed.listed(place)
-    for network in networks:
-        assert installed.find(network.name, place) == network
-        # One that asks for a size has a second network, which sees the person larger.
-        networks_in_it = 2 if NormalChoice("onnx", network.name).side_px else 1
-        assert network.bytes == network.path.stat().st_size <= networks_in_it * 20e6
-        assert network.training_set
-    assert {path.name for path in place.folder.glob("*.onnx")} == {
-        network.path.name for network in networks
-    }

@@ -9,7 +9,6 @@ import pytest
 
 from harness.cli.main import main
 from methods.normals import installed
-from methods.normals.installed import OPEN_NETWORK
 
 
 @pytest.fixture
@@ -67,13 +66,3 @@ def test_names_and_bad_files(harness, places, save_network):
     assert harness("import", "normals-onnx", str(other), *named)[0] == 2
     assert harness("import", "normals-onnx", str(other), *named, "--replace")[0] == 0
     assert harness("verify", "normals-onnx/yours")[0] == 2
-
-
-def test_what_is_to_be_shipped_goes_into_the_package(harness, places, save_network):
-    path = save_network(places / "n.onnx")
-    arguments = ("normals-onnx", str(path), "--name", OPEN_NETWORK, "--ship")
-    code, told, _ = harness("import", *arguments)
-    assert (code, "--set surface.normals=open" in told) == (0, True)
-    assert (places / "shipped" / f"{OPEN_NETWORK}.onnx").is_file()
-    found = json.loads(harness("verify", f"normals-onnx/{OPEN_NETWORK}", "--json")[1])
-    assert found[0]["place"] == "shipped"

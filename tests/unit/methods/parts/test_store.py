@@ -82,8 +82,8 @@ def test_names_that_cannot_be(toy, toy_file, name, parts):
 
 
 def test_options_that_a_kind_does_not_take(toy, toy_file):
-    with pytest.raises(HarnessError, match="'toy' does not take --ship.*--name, --python"):
-        toy.add(toy_file, ImportOptions(ship=True))
+    with pytest.raises(HarnessError, match="'toy' does not take --recipe.*--name, --python"):
+        toy.add(toy_file, ImportOptions(recipe="david"))
 
 
 def test_a_bad_file_leaves_nothing(toy, tmp_path, parts):

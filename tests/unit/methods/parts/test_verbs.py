@@ -53,7 +53,7 @@ def test_mistakes_are_one_sentence(harness, toy, toy_file, tmp_path):
     assert (code, "unknown kind of part 'toi'" in told, "Did you mean 'toy'" in told) == (2, 1, 1)
     code, _, told = harness("import", "toy", str(tmp_path / "none"))
     assert (code, told.count("\n")) == (3, 1)
-    assert harness("import", "toy", str(toy_file), "--ship")[0] == 2
+    assert harness("import", "toy", str(toy_file), "--recipe", "david")[0] == 2
     assert harness("verify", "toy")[0] == 2
 
 

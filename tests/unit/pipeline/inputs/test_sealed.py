@@ -1,6 +1,5 @@
 """Sealed data: no look without a reason, and a line in the log for each."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -9,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from clothed_avatars.build import AVATARS_VERSION
-from clothed_avatars.recipe import recipe_for
 from harness.core.errors import HarnessError
 from harness.core.records import Environment
 from harness.data.manifest import load_manifest
@@ -24,9 +21,6 @@ from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate
 from harness.pipeline.run.plan import EvalRequest
 from harness.pipeline.run.store import RunStore
-from harness.pipeline.training.normals import TrainingRequest, train_normals
-from harness.pipeline.training.samples import SampleSettings
-from methods.normals.training.settings import TrainingSettings
 
 SHIPPED = Path(__file__).resolve().parents[4] / "data_manifest.yaml"
 SEALED = "avatars-sealed"
@@ -198,30 +192,6 @@ def test_making_and_rendering_is_announced_and_not_logged(manifest, place, monke
         work(source_of(manifest, place, "avatars", ("a01",)), 1, heard)
         assert not heard.lines
     assert not rows(place)
-
-
-def test_a_subject_whose_recipe_changed_is_made_anew(manifest, place):
-    source = source_of(manifest, place)
-    recipe = json.loads(json.dumps(recipe_for("s01").as_dict()))
-    mark = source.avatar_directory("s01") / "avatar.json"
-    mark.parent.mkdir(parents=True)
-    for pose, current in ((recipe["pose"], True), ("another", False)):
-        made = {"version": AVATARS_VERSION, "recipe": {**recipe, "pose": pose}}
-        mark.write_text(json.dumps(made))
-        assert source.avatar_is_current("s01") is current
-
-
-def test_training_refuses_sealed_subjects(manifest, place):
-    request = TrainingRequest(
-        sources=(source_of(manifest, place),),
-        samples=SampleSettings(),
-        training=TrainingSettings(),
-        directory=place.root / "training",
-        held_out=1,
-        jobs=1,
-    )
-    with pytest.raises(HarnessError, match="is sealed and never used for training"):
-        train_normals(request, Silent())
 
 
 def harness(place, *arguments):

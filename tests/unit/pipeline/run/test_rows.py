@@ -7,7 +7,7 @@ import pytest
 from harness.core.errors import HarnessError
 from harness.pipeline.run.cell import seed_for
 from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
-from methods.normals.installed import named
+from methods.normals.installed import OPEN_NETWORK, named
 
 SETTINGS = {"hull.voxel_m": "0.02"}
 
@@ -21,10 +21,12 @@ def test_a_row_has_its_own_name_and_says_what_differs():
 
 
 def test_a_title_does_not_say_where_a_file_lies():
-    file = named("open-normals").path.resolve()
+    file = named(OPEN_NETWORK).path.resolve()
     settings = {"nview.normals": "onnx", "nview.normals_model": str(file)}
     (chosen,) = chosen_methods(("mexecon+",), settings, "first")
-    assert chosen.info.title.endswith("nview.normals=onnx, nview.normals_model=open-normals.onnx")
+    assert chosen.info.title.endswith(
+        f"nview.normals=onnx, nview.normals_model={OPEN_NETWORK}.onnx"
+    )
 
 
 def test_without_a_row_a_method_keeps_its_name():
