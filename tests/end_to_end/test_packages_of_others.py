@@ -1,4 +1,4 @@
-"""Others' packages, found by entry points: a data set of some thirty lines."""
+"""Others' packages, found by entry points: a data set and a verb of some thirty lines each."""
 
 from __future__ import annotations
 
@@ -47,6 +47,26 @@ class Blocks:
 BLOCKS = Blocks()
 """
 
+#: The whole package: a verb with its options, which counts the captures of a workspace.
+COUNT = '''
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.core.errors import DataError
+
+app = typer.Typer(help="Count photos.", add_completion=False)
+
+
+@app.command()
+def count(folder: Annotated[Path, typer.Argument(help="Folder to count in.")]) -> None:
+    """Count the photos below a folder."""
+    if not folder.is_dir():
+        raise DataError(f"{folder} is no folder", hint="Name another one")
+    print(sum(1 for _ in folder.rglob("*.png")))
+'''
+
 
 def installed(site: Path, name: str, source: str, entry_point: str) -> None:
     """A package of one module as pip leaves it, with an entry point."""
@@ -54,7 +74,8 @@ def installed(site: Path, name: str, source: str, entry_point: str) -> None:
     (site / f"{name}.py").write_text(source)
     info = site / f"{name}-1.0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    about = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\nSummary: The {name}.\n"
+    (info / "METADATA").write_text(about)
     (info / "entry_points.txt").write_text(entry_point)
 
 
@@ -103,3 +124,28 @@ def test_without_the_avatars_package_one_sentence_says_what_to_install(
     monkeypatch.setattr(GENERATORS, "targets", dict)
     with pytest.raises(MissingPart, match=r"not installed\. Run: pip install .*clothed-avatars"):
         generator("avatars")
+
+
+def test_a_verb_of_a_package_is_listed_and_run(tmp_path: Path) -> None:
+    installed(tmp_path / "site", "count", COUNT, "[harness.verbs]\ncount = count:app\n")
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "00.png").touch()
+    assert "count        The count." in run(tmp_path / "site", "--help").stdout
+    assert run(tmp_path / "site", "count", str(tmp_path / "photos")).stdout == "1\n"
+    refused = run(tmp_path / "site", "count", str(tmp_path / "none"))
+    assert (refused.returncode, refused.stderr.count("\n")) == (3, 1)
+
+
+def test_without_the_training_package_one_sentence_says_what_to_install() -> None:
+    program = (
+        "import harness.cli.verb_list as v; v.entry_points = lambda **_: (); "
+        "from harness.cli.main import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "train", "normals"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert done.stderr.count("\n") == 1
+    assert "pip install" in done.stderr
+    assert "normal-training" in done.stderr
