@@ -23,7 +23,7 @@ from harness.core.process.registry import Registry
 
 #: What each verb does, in the order of ``harness --help``; the first sentence of its own help.
 VERBS = {
-    "quickstart": "Make two avatars, run every method, and show the results.",
+    "quickstart": "Make two avatars, run four methods, and show the results.",
     "doctor": "Check what is installed, and show how to install the rest.",
     "render": "Render calibrated photos of subjects.",
     "capture": "Import photos with cameras, and export captures.",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness.core.errors import HarnessError
+from harness.core.records import Record
 from harness.data.manifest import Manifest
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
@@ -16,11 +18,13 @@ from harness.pipeline.report.tables import ReportRequest, build_table, in_order,
 from harness.pipeline.run.chosen_method import catalogued_methods
 from harness.pipeline.run.evaluate import EvalSummary, evaluate
 from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.run.store import RunStore
+from harness.pipeline.run.store import Outcome, RunStore
 
 _FIGURES = "figures"
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
 
+#: Methods of a first look, the quickest first.
+FIRST = ("hull8", "econ", "mexecon8", "mexecon+")
 #: Methods in the figures and on the page: all of them side by side would be too small to see.
 _DRAWN = ("hull8", "econ", "mexecon2", "mexecon8", "mexecon+")
 _DRAWN_BODIES = ("body-front", "body-average", "jmbo8", "jmbo8+")
@@ -48,47 +52,81 @@ class QuickstartResult:
 
 
 def quickstart(
-    manifest: Manifest, workspace: Workspace, progress: Progress, jobs: int
+    manifest: Manifest, workspace: Workspace, progress: Progress, jobs: int, *, every: bool = False
 ) -> QuickstartResult:
-    """Make two avatars, photograph them, run every method that can be, and write tables."""
+    """Make two avatars, photograph them, run methods, and write tables, figures and a page.
+
+    Args:
+        manifest: What is measured.
+        workspace: Where results go.
+        progress: Receives the table after each method, too.
+        jobs: Subjects worked on at once.
+        every: Run all methods that can be, and not just those of a first look.
+    """
     catalogued = catalogued_methods()
     lacking = {**catalogued.failures, **catalogued.missing}
-    unavailable = [f"{name}: {error}" for name, error in lacking.items()]
-    left_out = {*lacking, *_REPEATED}
-    methods = tuple(method for method in catalogued.usable if method.name not in left_out)
-    names = {method.name for method in methods}
+    unavailable = [f"{name}: {error}" for name, error in lacking.items() if every or name in FIRST]
+    usable = {each.name: each for each in catalogued.usable if each.name not in lacking}
+    chosen = [name for name in usable if name not in _REPEATED] if every else FIRST
     store = RunStore(workspace.run(_RUN))
     request = EvalRequest(
         source=Source.select(manifest, workspace, _SPLIT, (), _RECIPE),
-        methods=methods,
+        methods=tuple(usable[name] for name in chosen if name in usable),
         protocol=manifest.protocol(_PROTOCOL),
         store=store,
         jobs=jobs,
     )
-    summary = evaluate(request, progress)
+    summary = evaluate(request, progress) if every else _one_by_one(request, progress)
     # Records of this request alone: the folder may hold cells of methods that are gone.
     records = list(summary.records)
-    folder = store.directory / "tables"
-    files = write_tables(records, folder)
-    figures: list[Path] = []
-    undrawn: list[str] = []
-    progress.expect(_FIGURES, len(FIGURES))
-    for name, draw in FIGURES.items():
-        drawn = _DRAWN_BODIES if name == "bodies" else _DRAWN
-        shown = in_order(records, tuple(method for method in drawn if method in names))
-        try:
-            figures.append(draw(store, request.source, shown, folder / f"{name}.png"))
-        except HarnessError as error:
-            undrawn.append(f"figure {name}: {error}")
-        progress.done(_FIGURES)
-    tables = tuple(
-        build_table(records, ReportRequest(table=table)) for table in ("geometry", "cost")
-    )
-    surfaces = tuple(method for method in _DRAWN if method in names)
-    wanted = PageRequest(store, store.directory / "page", surfaces=surfaces)
+    files = write_tables(records, store.directory / "tables")
+    figures, undrawn = _figures(request, records, progress)
+    wanted = PageRequest(store, store.directory / "page", surfaces=_among(_DRAWN, request))
     page: Path | None = None
     try:
         page = write_page(wanted, manifest, workspace, progress, records)
     except HarnessError as error:
         undrawn.append(f"page: {error}")
+    tables = tuple(_table(records, name) for name in ("geometry", "cost"))
     return QuickstartResult(summary, tables, (*files, *figures), (*unavailable, *undrawn), page)
+
+
+def _one_by_one(request: EvalRequest, progress: Progress) -> EvalSummary:
+    """Evaluate method after method, and show the table of those that are done after each."""
+    outcomes: list[Outcome] = []
+    for method in request.methods:
+        outcomes += evaluate(replace(request, methods=(method,)), progress).outcomes
+        progress.say(f"\n{_table([outcome.record for outcome in outcomes], 'geometry')}")
+    return EvalSummary(tuple(outcomes))
+
+
+def _figures(
+    request: EvalRequest, records: Sequence[Record], progress: Progress
+) -> tuple[list[Path], list[str]]:
+    """The figures of methods that were run, and why some of them could not be drawn."""
+    figures: list[Path] = []
+    undrawn: list[str] = []
+    methods = {
+        name: _among(_DRAWN_BODIES if name == "bodies" else _DRAWN, request) for name in FIGURES
+    }
+    progress.expect(_FIGURES, sum(map(bool, methods.values())))
+    for name, drawn in methods.items():
+        if not drawn:
+            continue
+        path = request.store.directory / "tables" / f"{name}.png"
+        try:
+            shown = in_order(records, drawn)
+            figures.append(FIGURES[name](request.store, request.source, shown, path))
+        except HarnessError as error:
+            undrawn.append(f"figure {name}: {error}")
+        progress.done(_FIGURES)
+    return figures, undrawn
+
+
+def _among(names: Sequence[str], request: EvalRequest) -> tuple[str, ...]:
+    run = {method.name for method in request.methods}
+    return tuple(name for name in names if name in run)
+
+
+def _table(records: Sequence[Record], name: str) -> str:
+    return build_table(records, ReportRequest(table=name))

@@ -67,6 +67,8 @@ class Comparison:
     Attributes:
         moved, missing: Failures.
         unlisted: Methods that the baseline neither has numbers of nor lists as new: failures, too.
+        checked: Methods whose numbers were compared.
+        unchecked: Methods of the baseline that the run was not asked to have, and does not have.
         new: Numbers that the baseline does not have, as (method, subject, metric).
         unchanged: How many numbers are within their tolerance.
         changed: Cells whose inputs are not those of the baseline.
@@ -75,6 +77,8 @@ class Comparison:
     moved: tuple[Moved, ...] = ()
     missing: tuple[Missing, ...] = ()
     unlisted: tuple[str, ...] = ()
+    checked: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
     new: tuple[tuple[str, str, str], ...] = ()
     unchanged: int = 0
     changed: tuple[Changed, ...] = ()
@@ -94,13 +98,19 @@ class _Findings:
     unchanged: int = 0
 
 
-def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
+def compare(records: Sequence[Record], baseline: Baseline, *, every: bool = True) -> Comparison:
     """Each number of the records against the baseline's.
 
     A number moved when it differs by more than ``absolute + relative * |baseline|``. A cell of the
     baseline that has no record, or a record without its numbers, is missing. A method without
     numbers in the baseline is unlisted, unless the baseline names it as new on purpose. A number
     that only the records of a guarded method have is new, which is no failure.
+
+    Args:
+        records: Of one run.
+        baseline: What they are compared with.
+        every: Whether the run must have all methods of the baseline, or is compared in those that
+            it has.
 
     Raises:
         HarnessError: no records.
@@ -109,9 +119,12 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
     """
     check_settings(records, baseline)
     present = {(record.method_name, record.subject): record for record in records}
+    guarded = {method for method, _ in baseline.entries}
+    checked = guarded if every else guarded & {record.method_name for record in records}
     findings = _Findings()
     for cell, entry in sorted(baseline.entries.items()):
-        _compare_cell(cell, entry, present.get(cell), baseline, findings)
+        if cell[0] in checked:
+            _compare_cell(cell, entry, present.get(cell), baseline, findings)
     for (method, subject), record in sorted(present.items()):
         known = baseline.entries.get((method, subject))
         findings.new += [
@@ -121,6 +134,8 @@ def compare(records: Sequence[Record], baseline: Baseline) -> Comparison:
         ]
     return Comparison(
         unlisted=_unlisted(records, baseline),
+        checked=tuple(sorted(checked)),
+        unchecked=tuple(sorted(guarded - checked)),
         moved=tuple(findings.moved),
         missing=tuple(findings.missing),
         new=tuple(findings.new),
@@ -272,7 +287,10 @@ def _verdict(comparison: Comparison) -> str:
     )
     if comparison.unlisted:
         counts = f"{counts}; no numbers in the baseline: {', '.join(comparison.unlisted)}"
-    return f"{'passed' if comparison.passed else 'FAILED'}: {counts}"
+    methods = f"checked: {', '.join(comparison.checked) or 'none'}"
+    if comparison.unchecked:
+        methods += f"; not in the run: {', '.join(comparison.unchecked)} (--all asks for them)"
+    return f"{'passed' if comparison.passed else 'FAILED'}: {counts}\n{methods}"
 
 
 def _moved_rows(comparison: Comparison) -> list[list[str]]:

@@ -1,6 +1,6 @@
 """Ten nodes are lost at random moments of a real quickstart on Ray: are the numbers those of here?
 
-    harness quickstart                                  # in a workspace, on this machine
+    harness quickstart --all                            # in a workspace, on this machine
     python tests/soak/quickstart_losses.py --reference FOLDER --folder EMPTY
 
 The request is the quickstart's: its subjects, its recipe and its methods, as the records of the

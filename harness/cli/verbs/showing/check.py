@@ -30,6 +30,14 @@ def check(
         Path, typer.Argument(metavar="BASELINE", help="File with the stored numbers.")
     ],
     run: Run = None,
+    every: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="The run must have every method of the baseline; otherwise those that it has are "
+            "compared, and the others are named.",
+        ),
+    ] = False,
     update: Annotated[
         bool,
         typer.Option("--update", help="Write the run's numbers to BASELINE instead of comparing."),
@@ -58,9 +66,11 @@ def check(
 ) -> None:
     """Compare the numbers of a run with a stored baseline.
 
-    The exit code is 1 when a number moved by more than its tolerance, or when a method of the run
-    has no stored numbers.
+    The exit code is 1 when a number moved by more than its tolerance or is missing, or when a
+    method of the run has no stored numbers.
     """
+    if every and update:
+        raise HarnessError("--all is for comparing", got="--update, which stores what the run has")
     if spread and not update:
         raise HarnessError("--spread widens the tolerances that --update writes", got="no --update")
     place = Workspace.default(workspace)
@@ -72,7 +82,7 @@ def check(
         (with_spread(made, others) if others else made).save(baseline)
         _show_written(records, baseline, as_json=as_json)
         return
-    comparison = compare(records, Baseline.load(baseline))
+    comparison = compare(records, Baseline.load(baseline), every=every)
     if summary is not None:
         with summary.open("a", encoding="utf-8") as stream:
             stream.write(to_markdown(comparison))

@@ -111,6 +111,19 @@ def test_a_missing_record_fails():
     assert "no record" in to_text(comparison)
 
 
+def test_methods_that_the_run_has_are_checked_alone_unless_all_are_asked_for():
+    base, names = update(RECORDS), {record.method_name for record in RECORDS}
+    others = ", ".join(sorted(names - {"hull8"}))
+
+    partly = compare(HULL, base, every=False)
+    assert partly.passed
+    assert to_text(partly).endswith(
+        f"checked: hull8; not in the run: {others} (--all asks for them)\n"
+    )
+    assert not compare(HULL[:2], base, every=False).passed
+    assert not compare(HULL, base).passed
+
+
 def test_a_record_that_fails_now_is_missing_with_its_reason():
     failed = replace(HULL[0], status="failed", reason="no disk\nlog tail", metrics={})
     comparison = compare([failed, *HULL[1:]], update(HULL))
