@@ -25,7 +25,7 @@ def _reader(kind: str) -> Callable[[Path], object]:
 
         return read_array_pickle
     if kind == "checkpoint":
-        from harness.core.array_files.checkpoints import Checkpoint
+        from methods.parts.checkpoint_tensors import Checkpoint
 
         def read_all(path: Path) -> object:
             checkpoint = Checkpoint(path)

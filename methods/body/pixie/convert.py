@@ -10,10 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from harness.core.array_files.checkpoints import Checkpoint
 from methods.body.pixie.network import PixieBody
 from methods.body.pixie.part import NETWORK, OUTPUTS
-from methods.parts.checkpoint_tensors import Wanted, read_wanted
+from methods.parts.checkpoint_tensors import Checkpoint, Wanted, read_wanted
 from methods.parts.kind import ImportOptions
 from methods.parts.onnx_export import Graph, bare, filled, require_equal, shapes_of, write_onnx
 from methods.parts.onnx_session import answers, open_session

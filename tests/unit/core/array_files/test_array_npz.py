@@ -47,6 +47,7 @@ def test_short_text_is_read(tmp_path):
     assert read_array_npz(tmp_path / "a.npz", ["names"])["names"].tolist() == names.tolist()
 
 
+@pytest.mark.filterwarnings("ignore:Reading `.npy`")
 def test_headers_of_python_2_are_read(tmp_path):
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 1L), }          \n"
     content = (

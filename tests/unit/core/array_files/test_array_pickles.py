@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import collections
 import os
+import pathlib
 import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 import trimesh.caching
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from harness.core.array_files.pickles import MOST_PICKLE_BYTES, read_array_pickle
+from harness.core.array_files.pickles import MOST_PICKLE_BYTES, arrays_of, read_array_pickle
 from harness.core.errors import DataError
 
 
@@ -51,7 +54,7 @@ KINDS = [np.dtype(code) for code in ["?", "b", "B", "h", "H", "i", "I", "q", "Q"
 def test_every_numeric_array_is_as_pickle_reads_it(tmp_path_factory, array, protocol, fortran):
     array = np.asfortranarray(array) if fortran and array.ndim > 1 else array
     path = write(tmp_path_factory.getbasetemp() / "fit.pkl", {"a": array, "again": array}, protocol)
-    found = read_array_pickle(path)
+    found = arrays_of(path, None)
     for name in ("a", "again"):
         assert found[name].dtype == array.dtype
         np.testing.assert_array_equal(found[name], array)
@@ -103,6 +106,23 @@ def test_only_what_is_wanted_has_to_be_numbers(tmp_path):
         read_array_pickle(path)
     with pytest.raises(DataError, match="'names': it holds an array of 'O8'"):
         read_array_pickle(path, ["names"])
+
+
+@pytest.mark.parametrize("protocol", [0, 2, 4])
+def test_objects_of_packages_are_passed_over(tmp_path, protocol):
+    """SMPL-X's own files hold such, as chumpy's arrays and SciPy's matrices are."""
+    model = {
+        "v": np.eye(2),
+        "chumpy": pathlib.PurePosixPath("a"),
+        "ordered": collections.OrderedDict(a=1),
+        "counted": collections.defaultdict(list, a=[1]),
+        "sparse": scipy.sparse.csc_matrix(np.eye(3)),
+        "list": [scipy.sparse.csc_matrix(np.eye(3)), {"a": {1, 2}}],
+    }
+    path = write(tmp_path / "m.pkl", model, protocol)
+    np.testing.assert_array_equal(read_array_pickle(path, ["v"])["v"], np.eye(2))
+    with pytest.raises(DataError, match="'sparse': it refers to (scipy|copy_reg)"):
+        read_array_pickle(path, ["v", "sparse"])
 
 
 def test_tracked_arrays_of_trimesh_become_plain(tmp_path):
