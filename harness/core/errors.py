@@ -24,6 +24,8 @@ import difflib
 from collections.abc import Iterable
 from typing import Self
 
+from harness.core.plain_text import plain_text
+
 _NAMES_SHOWN = 20
 
 
@@ -47,7 +49,8 @@ class HarnessError(Exception):
             if text
         )
         text = f"{self.what} ({contrast})" if contrast else self.what
-        return f"{text}. {self.hint}" if self.hint else text
+        # Names of files and what other programs print reach terminals, logs and records with it.
+        return plain_text(f"{text}. {self.hint}" if self.hint else text)
 
     def located(self, where: object) -> Self:
         """The same error, with the file or place where it was met in front."""

@@ -6,23 +6,40 @@ Every key of ``record.json`` is a field of a dataclass, here or in ``harness.cor
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
-from harness.core.files.atomic import read_json, write_json
-from harness.core.formats.typed_json import from_json, to_json
+from harness.core.files.atomic import refuse_constant, write_json
+from harness.core.files.hashing import content_hash
+from harness.core.files.names import NAME_RULE, is_name
+from harness.core.formats.typed_json import from_json, is_array, is_mapping, to_json
+from harness.core.metric_catalog import METRICS
+from harness.core.plain_text import is_plain, plain_text
 from harness.core.privileges import Privilege
 from harness.core.protocols import RING, MethodInfo
 from harness.core.results import Diagnostics, MetricValue, NormalMapErrors, RegionErrors
 from harness.core.settings import MetricProtocol
 from harness.core.units import UNITS_RULE
 
-RECORD_SCHEMA = 4
-_EARLIER_SCHEMAS = (2, 3)
+RECORD_SCHEMA = 5
+_EARLIER_SCHEMAS = (2, 3, 4)
+#: What warns of a record whose numbers are not those that were written with their digest.
+EDITED = "edited: its numbers are not those that were written"
+#: The fields with numbers, of which the digest is.
+_NUMBERS = ("metrics", "regions", "normal_maps", "diagnostics", "stages")
+#: What a record's file may hold, whoever wrote it. Tables sum and square its numbers.
+_MOST_BYTES, _MOST_DEPTH, _MOST_SHOWN = 16 * 2**20, 32, 60
+_GREATEST_NUMBER, _GREATEST_COUNT, _MOST_VIEWS = 1e15, 2**63, 10_000
+#: Of the fields with numbers, those that may be below 0, and those that are at most 1.
+_SIGNED, _SHARE = ("signed_volume_m3", "correlation"), re.compile(r"share_.*|.*_share|precision|f")
+_SHA256 = re.compile("[0-9a-f]{64}")
 
 Status = Literal["ok", "failed", "missing"]
 
@@ -179,46 +196,181 @@ class Record:
         """The method's name on the command line."""
         return self.method.name
 
+    @property
+    def is_edited(self) -> bool:
+        """Whether numbers were changed after they were written."""
+        return EDITED in self.warnings
+
+    @property
+    def made(self) -> datetime:
+        """``created_utc`` as a time that can be compared; the first of all where it is none."""
+        try:
+            found = datetime.fromisoformat(self.created_utc)
+            return found.replace(tzinfo=found.tzinfo or UTC).astimezone(UTC)
+        except (OverflowError, ValueError):
+            return datetime.min.replace(tzinfo=UTC)
+
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON values, with the schema's version first."""
-        return {"schema": RECORD_SCHEMA, **to_json(self)}
+        """Plain JSON values, with the schema's version and the digest of the numbers first."""
+        document = _shown(to_json(self))
+        return {"schema": RECORD_SCHEMA, "digest": _digest(document), **document}
 
     def save(self, path: Path) -> None:
         """Write ``record.json`` atomically."""
         write_json(path, self.to_dict())
 
     @classmethod
-    def load(cls, path: Path) -> Record:
+    def load(cls, path: Path, method: str, subject: str) -> Record:
         """The record in a file.
 
+        Args:
+            path: The file.
+            method: Whose it must be by its place, which decides where results are looked for.
+            subject: Likewise.
+
         Raises:
-            DataError: not a record of this schema.
+            DataError: not a record of this schema, or one of another method or subject.
         """
-        return cls.from_document(read_json(path), path)
+        try:
+            with path.open("rb") as stream:
+                text = stream.read(_MOST_BYTES + 1).decode()
+        except FileNotFoundError as error:
+            raise DataError(f"no file at {path}") from error
+        except OSError as error:
+            raise DataError(f"could not read {path}: {error.strerror or error}") from error
+        except UnicodeDecodeError as error:
+            raise DataError(f"{path} is not valid JSON: {error}") from error
+        record = cls.from_text(text, path)
+        if (record.method_name, record.subject) != (method, subject):
+            raise DataError(
+                f"{path} is in the place of another record",
+                expected=f"{method} on {subject}",
+                got=f"{record.method_name} on {record.subject}",
+            )
+        return record
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any], source: str | Path) -> Record:
-        """The record in plain JSON values, as ``to_dict`` gives them.
+    def from_text(cls, text: str, source: str | Path) -> Record:
+        """The record in JSON text: the only reader, which trusts nobody.
 
         Args:
-            document: The values.
-            source: Where they come from, for messages.
+            text: The text.
+            source: Where it comes from, for messages.
 
         Raises:
-            DataError: not a record of this schema.
+            DataError: not a record of this schema: another structure, a name that could lead to
+                another file, a number that is none or out of range, or a text that cannot be shown.
         """
-        fields = dict(document)
-        schema = fields.pop("schema", None)
+        if len(text) > _MOST_BYTES:
+            raise DataError(
+                f"{source} is too large for a record", expected=f"at most {_MOST_BYTES} bytes"
+            )
+        try:
+            document: object = json.loads(text, parse_constant=refuse_constant)
+        except (ValueError, RecursionError) as error:
+            raise DataError(f"{source} is not valid JSON: {error}") from error
+        if not is_mapping(document):
+            raise DataError(
+                f"{source} is not a record", expected="a JSON object", got=type(document).__name__
+            )
+        return cls._from_document(dict(document), source)
+
+    @classmethod
+    def _from_document(cls, document: dict[str, Any], source: str | Path) -> Record:
+        schema = document.pop("schema", None)
+        for fault in _faults(document, is_strict=schema == RECORD_SCHEMA):
+            raise DataError(f"{source} is not a record", got=fault)
+        digest = document.pop("digest", "none") if schema == RECORD_SCHEMA else None
         if schema in _EARLIER_SCHEMAS:
-            fields, schema = _upgraded(fields), RECORD_SCHEMA
+            document, schema = _shown(_upgraded(document)), RECORD_SCHEMA
         if schema != RECORD_SCHEMA:
             raise DataError(
                 f"{source} is not a record of this version",
                 expected=f"schema {RECORD_SCHEMA}",
-                got=str(schema),
+                got=str(schema)[:_MOST_SHOWN],
                 hint="Run the evaluation again to replace it",
             )
-        return from_json(cls, fields, source, "a record")
+        record = from_json(cls, document, source, "a record")
+        for fault in _out_of_range(record, document):
+            raise DataError(f"{source} is not a record", got=fault)
+        if digest not in (None, _digest(document)) and not record.is_edited:
+            return replace(record, warnings=(*record.warnings, EDITED))
+        return record
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    return content_hash({name: document[name] for name in _NUMBERS})
+
+
+def _shown(value: Any) -> Any:
+    """JSON values whose texts can all be shown."""
+    if isinstance(value, str):
+        return plain_text(value)
+    if is_mapping(value):
+        return {plain_text(name): _shown(entry) for name, entry in value.items()}
+    return [_shown(entry) for entry in value] if is_array(value) else value
+
+
+def _leaves(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Every value that holds no other, and every key, with the names of the fields above it.
+
+    Raises:
+        ValueError: more levels than a record has.
+    """
+    if depth > _MOST_DEPTH:
+        raise ValueError(f"more than {_MOST_DEPTH} levels")
+    if is_mapping(value):
+        for name, entry in value.items():
+            yield place, name
+            yield from _leaves(entry, f"{place}.{name}"[-_MOST_SHOWN:].lstrip("."), depth + 1)
+    elif is_array(value):
+        for entry in value:
+            yield from _leaves(entry, place, depth + 1)
+    else:
+        yield place, value
+
+
+def _faults(document: Mapping[str, Any], *, is_strict: bool) -> Iterator[str]:
+    """What no record has, whatever its fields: depth, endless numbers, signs that hide others."""
+    try:
+        for place, value in _leaves(document):
+            if isinstance(value, str) and is_strict and not is_plain(value):
+                yield f"signs at '{plain_text(place)}' that cannot be shown"
+            elif isinstance(value, float) and not abs(value) <= _GREATEST_NUMBER:
+                yield f"{value} at '{plain_text(place)}'"
+            elif isinstance(value, int) and not abs(value) < _GREATEST_COUNT:
+                yield f"a number of {value.bit_length()} bits at '{plain_text(place)}'"
+    except ValueError as error:
+        yield str(error)
+
+
+def _out_of_range(record: Record, document: Mapping[str, Any]) -> Iterator[str]:
+    """What is of the right type and cannot be."""
+    for kind, name in (
+        ("method", record.method_name),
+        ("dataset", record.dataset),
+        ("subject", record.subject),
+        ("recipe", record.recipe or "none"),
+        *(("file", name) for name in record.files),
+    ):
+        if not is_name(name):
+            yield f"{name[:_MOST_SHOWN]!r}, which cannot be the name of a {kind}: {NAME_RULE}"
+    for name, sha256 in record.files.items():
+        if not _SHA256.fullmatch(sha256):
+            yield f"a file {name} without its sha256"
+    for name, metric in record.metrics.items():
+        if name in METRICS and metric.unit != METRICS[name].unit:
+            yield f"{name} in {metric.unit[:_MOST_SHOWN]!r} instead of {METRICS[name].unit!r}"
+    method, counts = record.method, [record.capture.views]
+    counts += [0 if method.view_count is None else method.view_count - 1, *(method.views or ())]
+    distinct = len(set(method.views or ())) == len(method.views or ())
+    if not (distinct and min(counts) >= 0 and max(counts) <= _MOST_VIEWS):
+        yield f"views that are not distinct and from 0 to {_MOST_VIEWS}"
+    for place, value in _leaves({name: document[name] for name in _NUMBERS}):
+        name = place.rpartition(".")[2]
+        most = 1.0 + 1e-9 if _SHARE.fullmatch(name) else _GREATEST_NUMBER
+        if isinstance(value, int | float) and name not in _SIGNED and not 0.0 <= value <= most:
+            yield f"{value} as its {name}"
 
 
 def _upgraded(document: dict[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import DataError
+from harness.core.files.reach import named_path
 
 MANIFEST = "method.toml"
 #: What a command may have filled in.
@@ -50,8 +51,8 @@ class Worker:
 
     @property
     def script_path(self) -> Path:
-        """The file that runs."""
-        return self.folder / self.script
+        """The file that runs, which lies in the folder."""
+        return named_path(self.folder / MANIFEST, self.script)
 
     def words(self, filled: Mapping[str, str]) -> list[str]:
         """The command with the words in braces filled in."""

@@ -36,6 +36,10 @@ _NEEDED = ("photos", "mesh")
 _WORDS = (*_NEEDED, "python", "folder", "seed")
 _BRACES = re.compile(r"\{([^{}]*)\}")
 _ROOM = re.compile(r"[a-z][a-z0-9_]*")
+#: What stands before a command must not be taken for an option of conda or of a container engine.
+_CONDA = re.compile(r"\w[\w.+-]*", re.ASCII)
+_IMAGE = re.compile(r"[a-z0-9][\w.:/@-]*", re.ASCII)
+_PROGRAM = re.compile(r"(?!-)(?:\{(?:python|folder)\}|[^{}])+")
 _UPS = ("+y", "+z")
 #: What only a method in this process can be handed.
 _NOT_LENT = (Privilege.GROUND_TRUTH_MESH, Privilege.ORACLE_NORMALS, Privilege.MADE_ELSEWHERE)
@@ -167,6 +171,13 @@ def _problem(method: MethodFile) -> str:
         != method.mesh
         or Path(method.mesh).suffix not in MESH_SUFFIXES,
         f"up must be {' or '.join(_UPS)}": method.up not in _UPS,
+        f"{method.conda!r} cannot be the name of a conda environment": bool(method.conda)
+        and not _CONDA.fullmatch(method.conda),
+        f"{method.image!r} cannot be the name of a container image": bool(method.image)
+        and not _IMAGE.fullmatch(method.image),
+        f"the command must begin with a program, not with {method.command[0]!r}": (
+            not _PROGRAM.fullmatch(method.command[0])
+        ),
     }
     return "; ".join(text for text, is_so in problems.items() if is_so)
 
@@ -217,12 +228,20 @@ def _settings(path: Path, name: str, value: object) -> dict[str, dict[str, Value
     return found
 
 
+def _shown(path: Path, name: str, value: object) -> str:
+    """A text that people are shown."""
+    text = text_of(path, name, value)
+    if not text.isprintable():
+        raise DataError(f"'{name}' in {path} has signs that cannot be printed", got=repr(text))
+    return text
+
+
 _READERS: Mapping[str, Callable[[Path, str, object], Any]] = {
-    "name": text_of,
-    "title": text_of,
-    "licence": text_of,
+    "name": _shown,
+    "title": _shown,
+    "licence": _shown,
     "command": texts_of,
-    "version": text_of,
+    "version": _shown,
     "python": text_of,
     "conda": text_of,
     "image": text_of,

@@ -17,6 +17,7 @@ from harness.geometry.images import resampled
 from methods.masks.part import MASK_NETWORKS, NETWORK_FILE, RECIPE
 from methods.masks.recipes import MaskRecipe, mask_recipe
 from methods.parts.kind import ImportOptions
+from methods.parts.onnx_files import network_sha256
 from methods.parts.onnx_session import answers, open_session
 from methods.parts.store import Examined
 
@@ -94,9 +95,10 @@ def examine(file: Path, options: ImportOptions) -> Examined:
     Raises:
         HarnessError: no recipe, or an unknown one.
         DataError: it is no network of that recipe.
-        MissingPart: onnxruntime is not installed.
+        MissingPart: onnx or onnxruntime is not installed.
     """
     recipe = mask_recipe(options.recipe)
+    network_sha256(file)  # its weights lie beside it
     network = MaskNetwork(file, recipe, file.name)
     try:
         network(np.zeros((8, 8, 3), np.uint8))

@@ -30,8 +30,8 @@ from harness.core.errors import DataError, MethodError
 from harness.core.protocols import EstimatedNormals, Part
 from harness.geometry.images import unit_normals
 from harness.geometry.window import Window
-from methods.normals.onnx_files import network_sha256
 from methods.normals.window import mask_window, whole_window
+from methods.parts.onnx_files import network_sha256
 from methods.parts.onnx_session import open_session
 
 _INPUTS = ("image", "body_front", "body_back")
@@ -58,6 +58,8 @@ class OnnxNormals:
     """
 
     def __init__(self, path: Path) -> None:
+        # Before it is opened: what it names as its weights is then known to lie beside it.
+        sha256 = network_sha256(path)
         self._session = open_session(path)
         self._inputs = tuple(node.name for node in self._session.get_inputs())
         outputs = [node.name for node in self._session.get_outputs()]
@@ -75,7 +77,7 @@ class OnnxNormals:
         self._around_mask = _around_mask(path, about)
         self.side_px = _side(path, about)
         self.training_set: str = about.get("training_set", "")
-        self.part = Part("normal estimator", about["name"], about["licence"], network_sha256(path))
+        self.part = Part("normal estimator", about["name"], about["licence"], sha256)
 
     def __call__(
         self, rgb: Floats, mask: Floats, body_front: Floats, body_back: Floats

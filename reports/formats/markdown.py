@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 from harness.core.units import Unit
 from reports.formats.layout import Markup, body_lines, footnotes, header_line, published_lines
 from reports.tables.table import Column, Table
 
 _ESCAPED = str.maketrans({character: f"\\{character}" for character in r"\`*_[]<>|~#"})
+#: What GitHub makes a link or a message to somebody of; it does not with this sign behind it.
+_LINKED, _BREAK = re.compile(r"@|www(?=\.)|:(?=//)", re.IGNORECASE), "\N{WORD JOINER}"
 
 
 def to_markdown(table: Table) -> str:
@@ -27,7 +31,7 @@ def _grid(header: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def _escape(text: str) -> str:
-    return " ".join(text.split()).translate(_ESCAPED)
+    return _LINKED.sub(rf"\g<0>{_BREAK}", " ".join(text.split()).translate(_ESCAPED))
 
 
 def _heading(column: Column) -> str:

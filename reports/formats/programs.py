@@ -5,14 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping
 
 from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock, PublishedValue
 from reports.tables.table import Cell, Column, Row, Table
 
-#: Text that begins so is calculated by spreadsheets. Numbers are no text and stay what they are.
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+#: Text that begins so, behind whatever blanks, is calculated by spreadsheets. Numbers are no text
+#: and stay what they are.
+_FORMULA = re.compile(r"[\t\r\n]|[\s\u200b-\u200f\u2060\ufeff]*[=+\-@＝＋－＠]")
 
 
 def to_csv(table: Table) -> str:
@@ -70,7 +72,7 @@ def _harmless(line: Mapping[str, object]) -> dict[str, object]:
 
 def _plain_text(text: str) -> str:
     # The writer does not quote carriage returns, which would begin another line.
-    return ("'" if text.startswith(_FORMULA) else "") + text.replace("\r", " ")
+    return ("'" if _FORMULA.match(text) else "") + text.replace("\r", " ")
 
 
 def _keys(column: Column) -> tuple[str, ...]:

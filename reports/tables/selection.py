@@ -119,7 +119,7 @@ def select(
         groups=tuple(_group(name, by_method[name], wanted) for name in order),
         remarks=(
             *([_SCAN_UNITS] if first.length_unit != "metre" else []),
-            *_capture_remarks(chosen),
+            *_remarks(chosen),
         ),
     )
 
@@ -251,6 +251,14 @@ def _subjects_text(subjects: Sequence[str]) -> str:
     return f"{shown} and {more} more" if more > 0 else shown
 
 
-def _capture_remarks(records: Sequence[Record]) -> tuple[str, ...]:
+def _remarks(records: Sequence[Record]) -> tuple[str, ...]:
     warned = sorted({record.subject for record in records if record.capture.warnings})
-    return (f"Captures with warnings: {_subjects_text(warned)}",) if warned else ()
+    edited = [_cell(record) for record in records if record.is_edited]
+    return tuple(
+        f"{what}: {_subjects_text(names)}"
+        for what, names in (
+            ("Captures with warnings", warned),
+            ("Records that were edited, whose numbers are not those that were written", edited),
+        )
+        if names
+    )

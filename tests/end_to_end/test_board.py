@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,16 +15,21 @@ from harness.cli.main import app
 from harness.core.errors import HarnessError
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import load_mesh, save_mesh
+from harness.core.records import Record
 from harness.data.manifest import load_manifest
-from harness.pipeline.board.entries import Entry, entries_in
-from harness.pipeline.board.export import export_results
-from harness.pipeline.board.merge import MergedEntry, merge_entry
-from harness.pipeline.board.standing import versions
+from harness.pipeline.board.compare import changes_markdown, compare_boards
+from harness.pipeline.board.copying import MergedEntry, export_results, merge_entry
+from harness.pipeline.board.entries import Entry, entries_in, versions
+from harness.pipeline.board.page import write_board_page
 from harness.pipeline.board.verify import Truths, Verification, verify_entry
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
+from harness.pipeline.report.tables import FORMATS, ReportRequest, build_table
 from harness.pipeline.run.store import RunStore
+from tests.mutations import mutated
 
+#: More than this take their time: five hundred were tried.
+MUTATIONS = 20
 ERRORS = {
     "area_share": 0.1, "accuracy_mm": 0.01, "completeness_mm": 0.01, "normal_error_deg": 1.0,
     "missing_share": 0.0, "bulge_share": 0.0, "n_predicted": 10, "n_truth": 10,
@@ -118,7 +124,7 @@ def test_a_split_need_only_be_complete_itself(handed_in: Entry, verified: Callab
 def test_a_changed_number_is_found(handed_in: Entry, verified: Callable) -> None:
     path = handed_in.record_path("t1")
     metrics = json.loads(path.read_text())["metrics"]
-    metrics["normal_error"]["value"] -= 0.01
+    metrics["normal_error"]["value"] += 0.01
     change(path, metrics=metrics)
     ((subject, what),) = texts(verified(handed_in))
 
@@ -224,7 +230,7 @@ def test_what_a_killed_merge_left_is_no_version(
     board = world / "board"
     merged(handed_in, verified(handed_in), board)
     (board / "gt" / ".2.0123456789ab.part").mkdir()
-    assert [entry.version for entry in versions(Entry(board, "gt", "3"))] == ["1"]
+    assert [each.entry.version for each in versions(Entry(board, "gt", "3"))] == ["1"]
 
 
 def test_methods_and_subjects_that_are_not_there_are_told(world: Path, handed_in: Entry) -> None:
@@ -281,6 +287,89 @@ def test_subjects_outside_a_split_are_lost_to_a_board_that_has_them(
         merged(second, verified(second, complete="toy-one"), board)
 
 
+def test_a_changed_record_fails_or_goes_all_the_way(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    path, board = handed_in.record_path("t2"), world / "board"
+    ends = {"refused": 0, "merged": 0}
+    for text in mutated(path.read_text(), MUTATIONS):
+        path.write_text(text)
+        found = verified(handed_in)
+        if found.findings:
+            ends["refused"] += 1
+            continue
+        ends["merged"] += 1
+        shutil.rmtree(board, ignore_errors=True)
+        merged(handed_in, found, board)
+        (change,) = compare_boards(world / "nothing", board)
+        assert change.faults == ()
+        assert "`gt/1`" in changes_markdown([change])
+        page = write_board_page(board, world / "page", "Board").read_text(encoding="utf-8")
+        assert 'data-method="gt/1"' in page
+        assert "Left out" not in page
+        records = [Record.load(each, "gt", each.stem) for each in (board / "gt/1").glob("*.json")]
+        for form in FORMATS:
+            for table in ("geometry", "cost"):
+                assert build_table(records, ReportRequest(table, form))
+    assert ends["refused"] > ends["merged"] > 0, ends
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"scale_rule": "units"}, "of the scale rule 'units', but the dataset's is"),
+        ({"capture": {"key": "", "views": 99, "warnings": []}}, "of 99 photos, but recipe"),
+        ({"created_utc": "20260101T000000+0000"}, "which is no time such as"),
+        ({"created_utc": "0001-01-01T00:00:00+00:00"}, "which is no time such as"),
+        ({"diagnostics": None}, "of diagnostics is None in the record, but"),
+    ],
+)
+def test_what_is_printed_beside_the_means_is_proven(
+    handed_in: Entry, verified: Callable, changes: dict, said: str
+) -> None:
+    for subject in handed_in.subjects():
+        change(handed_in.record_path(subject), **changes)
+    found = texts(verified(handed_in))
+    assert {subject for subject, _ in found if subject} == {"t1", "t2", "t3"}
+    assert any(said in what for _, what in found), found
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        (("protocol", "version"), "measured with protocol"),
+        (("protocol", "settings", "samples"), "measured with protocol"),
+        (("diagnostics", "f_score", "5_mm", "f"), "f 5_mm f_score of diagnostics is"),
+        (("diagnostics", "meshes", "truth", "faces"), "faces truth meshes of diagnostics is"),
+        (("metrics", "chamfer", "n"), "n chamfer is"),
+    ],
+)
+def test_settings_and_scores_beside_the_means_are_proven(
+    handed_in: Entry, verified: Callable, place: tuple[str, ...], said: str
+) -> None:
+    path = handed_in.record_path("t2")
+    document = json.loads(path.read_text())
+    holder = document
+    for name in place[:-1]:
+        holder = holder[name]
+    holder[place[-1]] = 0.5 if place[-1] == "f" else holder[place[-1]] + 10
+    path.write_text(json.dumps(document))
+    found = dict(texts(verified(handed_in)))
+    assert said in found["t2"]
+
+
+def test_a_board_with_a_link_in_its_place_is_not_written_through(
+    world: Path, handed_in: Entry, verified: Callable
+) -> None:
+    board = world / "board"
+    (world / "elsewhere").mkdir()
+    board.mkdir()
+    (board / "gt").symlink_to("../elsewhere")
+    with pytest.raises(HarnessError, match="outside the folders that were given"):
+        merged(handed_in, verified(handed_in), board)
+    assert list((world / "elsewhere").iterdir()) == []
+
+
 def test_a_file_of_another_name_is_one_finding(handed_in: Entry, verified: Callable) -> None:
     (handed_in.directory / "t1 (1).json").write_text("{}")
     found = verified(handed_in)
@@ -325,7 +414,7 @@ def test_the_command_finds_a_tampered_mesh_a_changed_number_and_a_missing_subjec
     files = json.loads(handed_in.record_path("t1").read_text())["files"]
     change(handed_in.record_path("t1"), files={**files, "mesh.ply": file_sha256(path)})
     metrics = json.loads(handed_in.record_path("t2").read_text())["metrics"]
-    metrics["normal_error"]["value"] -= 0.01
+    metrics["normal_error"]["value"] += 0.01
     change(handed_in.record_path("t2"), metrics=metrics)
     handed_in.record_path("t3").unlink()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from harness.pipeline.board.export import export_results
+from harness.pipeline.board.copying import export_results
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.store import RunStore
 

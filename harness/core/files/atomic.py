@@ -9,6 +9,7 @@ import glob
 import json
 import os
 import shutil
+import tempfile
 import time
 import uuid
 from collections.abc import Generator, Mapping
@@ -19,6 +20,8 @@ from harness.core.errors import DataError, WriteError
 from harness.core.process.interrupts import require_not_stopped
 
 _LOCK_POLL_S = 0.05
+#: Where files that are open already have names, such as what a shell sends the output to.
+_OPEN_FILES = ("/dev/std", "/dev/fd/", "/proc/")
 #: How old a temporary folder must be where nobody can say whether its writer lives.
 _ABANDONED_S = 24 * 3600.0
 #: Numbers of errors that only writing can cause; the kernel does not say for which file.
@@ -29,12 +32,21 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 def atomic_path(path: Path) -> Generator[Path]:
     """A temporary path beside ``path`` that becomes ``path`` when the block succeeds.
 
-    The file is synced and renamed. If the block raises, nothing is left behind.
+    The file is synced and renamed. If the block raises, nothing is left behind. A link stays, and
+    what it leads to is replaced. What is no file, such as a device or a FIFO, is written to.
 
     Raises:
         WriteError: the disk is full or a permission is missing; the message names ``path``.
             Any other error in the block, such as an unreadable input, passes unchanged.
     """
+    if _is_stream(path):
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder, path.name)
+            yield made
+            with writing(path), made.open("rb") as source, path.open("wb") as stream:
+                shutil.copyfileobj(source, stream)
+        return
+    path = _without_link(path)
     temporary = _temporary_sibling(path)
     try:
         with _explained(path, temporary):
@@ -51,11 +63,13 @@ def atomic_path(path: Path) -> Generator[Path]:
 def atomic_directory(path: Path) -> Generator[Path]:
     """A temporary folder that replaces ``path`` as a whole when the block succeeds.
 
-    Folders that killed writers of ``path`` left are removed; those of living ones are locked.
+    Folders that killed writers of ``path`` left are removed; those of living ones are locked. A
+    link stays, and the folder that it leads to is replaced.
 
     Raises:
         WriteError: as ``atomic_path``.
     """
+    path = _without_link(path)
     temporary = _temporary_sibling(path)
     try:
         with _explained(path, temporary):
@@ -102,6 +116,16 @@ def _remove_if_abandoned(folder: Path) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
         finally:
             os.close(descriptor)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a path is written to and not replaced: a device, a FIFO, an open file's number."""
+    is_kept = path.is_dir() or (path.is_file() and not str(path).startswith(_OPEN_FILES))
+    return path.exists() and not is_kept
+
+
+def _without_link(path: Path) -> Path:
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def _put_in_place(temporary: Path, path: Path) -> None:

@@ -20,6 +20,7 @@ from harness.core.errors import DataError
 
 T = TypeVar("T")
 
+_MOST_SHOWN = 120
 _NAMES: Mapping[Any, str] = {str: "text", int: "a whole number", bool: "true or false"}
 
 
@@ -27,6 +28,8 @@ class _Unfit(Exception):
     """A value that is not of its field's type."""
 
     def __init__(self, place: str, expected: str, got: str, *, is_choice: bool = False) -> None:
+        # Whoever wrote the file chose names and values, and with them how long a message would be.
+        place, got = place[-_MOST_SHOWN:], got[:_MOST_SHOWN]
         super().__init__(place, expected, got)
         self.place, self.expected, self.got, self.is_choice = place, expected, got, is_choice
 
@@ -39,9 +42,9 @@ def to_json(value: Any) -> Any:
         return str(value)
     if dataclasses.is_dataclass(value):
         return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if _is_mapping(value):
+    if is_mapping(value):
         return {str(name): to_json(entry) for name, entry in value.items()}
-    if _is_array(value):
+    if is_array(value):
         return [to_json(entry) for entry in value]
     return value
 
@@ -121,7 +124,7 @@ def _read_choice(choices: tuple[Any, ...], value: Any, place: str) -> Any:
 
 
 def _read_tuple(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
-    if not _is_array(value):
+    if not is_array(value):
         raise _Unfit(place, "an array", type(value).__name__)
     if len(kinds) == 2 and kinds[1] is Ellipsis:
         kinds = (kinds[0],) * len(value)
@@ -159,16 +162,18 @@ def _read_plain(kind: Any, value: Any, place: str) -> Any:
 
 
 def _object(value: Any, place: str) -> Mapping[str, Any]:
-    if not _is_mapping(value):
+    if not is_mapping(value):
         raise _Unfit(place, "an object", type(value).__name__)
     return value
 
 
-def _is_mapping(value: Any) -> TypeGuard[Mapping[str, Any]]:
+def is_mapping(value: Any) -> TypeGuard[Mapping[str, Any]]:
+    """Whether a JSON value is an object."""
     return isinstance(value, Mapping)
 
 
-def _is_array(value: Any) -> TypeGuard[list[Any] | tuple[Any, ...]]:
+def is_array(value: Any) -> TypeGuard[list[Any] | tuple[Any, ...]]:
+    """Whether a JSON value is an array, or will be one."""
     return isinstance(value, list | tuple)
 
 

@@ -13,8 +13,7 @@ from pathlib import Path
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import file_sha256
 from harness.core.metric_catalog import METRICS
-from harness.pipeline.board.entries import Entry, entries_in
-from harness.pipeline.board.standing import last_version, means, proven
+from harness.pipeline.board.entries import Entry, entries_in, versions
 from reports.tables.geometry import GEOMETRY_METRICS
 from reports.tables.selection import check_comparable
 
@@ -55,11 +54,10 @@ def compare_boards(base: Path, head: Path) -> tuple[EntryChange, ...]:
 
     Args:
         base: The board as it was; it may have nothing, or not be there.
-        head: The board as it would be.
+        head: The board as it would be; what cannot be read on it is a fault of its entry.
 
     Raises:
         HarnessError: the board as it would be is no folder.
-        DataError: a record that cannot be read.
     """
     if not head.is_dir():
         hint = "A board without results is an empty folder"
@@ -89,63 +87,50 @@ def changes_markdown(changes: Sequence[EntryChange]) -> str:
         for change in changes
         if change.apart
     ]
-    faults = [f"* `{change.entry}`: {fault}" for change in changes for fault in change.faults]
+    faults = [
+        f"* `{change.entry}`: {_told(fault)}" for change in changes for fault in change.faults
+    ]
     if faults:
         lines += ["", "### Faults", "", *faults]
     return "\n".join(lines) + "\n"
 
 
 def _change(entry: Entry, before: Entry) -> EntryChange:
+    now, there = entry.read(), before.read()
+    last = there if before.subjects() else next(reversed(versions(before)), None)
+    faults = [f"cannot be read: {subject}: {why}" for subject, why in now.left_out.items()]
     if before.subjects():
-        faults = _altered(entry, before)
-        last: Entry | None = before
-    else:
-        faults, last = (), last_version(before)
-    change = EntryChange(
-        entry=entry.title,
-        subjects=len(proven(entry)),
-        failed=tuple(s for s in entry.subjects() if s not in proven(entry)),
-        means=means(entry),
-        faults=faults,
-    )
-    return change if last is None else _against(change, entry, last)
-
-
-def _against(change: EntryChange, entry: Entry, last: Entry) -> EntryChange:
-    """The same with what it changes in comparison with an earlier version."""
-    lost = sorted(set(proven(last)) - set(proven(entry)))
-    faults = change.faults
-    if lost:
-        faults = (*faults, f"lost subjects that `{last.title}` has: {', '.join(lost)}")
-    both = sorted(set(proven(last)) & set(proven(entry)))
+        old, new = _files(before), _files(entry)
+        names = sorted(name for name in {*new, *old} if new.get(name) != old.get(name))
+        faults.append(f"is on the board already and would change: {', '.join(names)}")
     apart, changes = "", dict[str, float]()
-    try:
-        check_comparable([each.record(subject) for subject in both for each in (last, entry)])
-        now, then = means(entry, both), means(last, both)
-        changes = {name: now[name] - then[name] for name in now if name in then}
-    except ProtocolMismatch as error:
-        apart = str(error)
+    if last is not None:
+        if lost := sorted(set(last.proven) - set(now.proven)):
+            faults.append(f"lost subjects that `{last.entry.title}` has: {', '.join(lost)}")
+        both = sorted(set(last.proven) & set(now.proven))
+        try:
+            check_comparable([each.records[subject] for subject in both for each in (last, now)])
+            means, then = now.means(both), last.means(both)
+            changes = {name: means[name] - then[name] for name in means if name in then}
+        except ProtocolMismatch as error:
+            apart = str(error)
     return EntryChange(
-        entry=change.entry,
-        against=last.title,
-        subjects=change.subjects,
-        failed=change.failed,
-        means=change.means,
+        entry=entry.title,
+        against=last.entry.title if last else "",
+        subjects=len(now.proven),
+        failed=tuple(each for each in entry.subjects() if each not in now.proven),
+        means=now.means(),
         changes=changes,
         apart=apart,
-        faults=faults,
+        faults=tuple(faults),
     )
-
-
-def _altered(entry: Entry, before: Entry) -> tuple[str, ...]:
-    """Files of a version that is on the board already and would become others."""
-    now, then = _files(entry), _files(before)
-    names = sorted(name for name in {*now, *then} if now.get(name) != then.get(name))
-    return (f"is on the board already and would change: {', '.join(names)}",)
 
 
 def _entries(root: Path) -> tuple[Entry, ...]:
-    return entries_in(root) if any(root.glob("*/*/*.json")) else ()
+    try:
+        return entries_in(root)
+    except HarnessError:
+        return ()
 
 
 def _there(entry: Entry, root: Path) -> Entry:
@@ -153,12 +138,13 @@ def _there(entry: Entry, root: Path) -> Entry:
 
 
 def _files(entry: Entry) -> dict[str, str]:
-    paths = [
-        path
-        for subject in entry.subjects()
-        for path in (entry.record_path(subject), entry.mesh_path(subject))
-    ]
-    return {path.name: file_sha256(path) for path in paths if path.is_file()}
+    """Sums of an entry's files by name; of a link, which is not followed, where it leads."""
+    return {
+        path.name: f"link to {path.readlink()}" if path.is_symlink() else file_sha256(path)
+        for suffix in ("json", "ply")
+        for path in entry.directory.glob(f"*.{suffix}")
+        if path.is_symlink() or path.is_file()
+    }
 
 
 def _line(change: EntryChange) -> str:
@@ -179,3 +165,9 @@ def _number(change: EntryChange, name: str) -> str:
 def _quoted(text: str) -> str:
     """Text out of records as it is, whatever Markdown it holds."""
     return "`" + text.replace("`", "'").replace("\n", " ").rstrip(".") + "`"
+
+
+def _told(fault: str) -> str:
+    """A fault as Markdown; only what it says of lost subjects is of names alone."""
+    what, colon, rest = fault.partition(": ")
+    return f"{what}{colon}{rest if what.startswith('lost') else _quoted(rest)}" if rest else what

@@ -1,17 +1,20 @@
-"""Where results lie in a submission and on a board: the same in both.
+"""Where results lie in a submission and on a board, and what they have reached: the same in both.
 
 ``<method>/<version>/<subject>.json`` is the record, ``<method>/<version>/<subject>.ply`` its mesh.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from statistics import fmean
 
-from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.names import checked_name, is_name
 from harness.core.records import Record
+from reports.tables.geometry import GEOMETRY_METRICS
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,27 +54,57 @@ class Entry:
         """The file of a subject's mesh."""
         return self.directory / f"{checked_name('subject', subject)}.ply"
 
-    def links(self, subject: str) -> tuple[str, ...]:
-        """What of a subject's record, mesh and folders is a link to something else, by its path."""
+    def read(self) -> Results:
+        """Its records, and why what is no record of it is left out; a link leads elsewhere."""
+        records: dict[str, Record] = {}
+        left_out: dict[str, str] = {}
         folder = self.directory
-        places = (folder.parent, folder, self.record_path(subject), self.mesh_path(subject))
-        return tuple(str(path.relative_to(self.root)) for path in places if path.is_symlink())
+        for subject in self.subjects():
+            try:
+                files = (self.record_path(subject), self.mesh_path(subject))
+                links = [path for path in (folder.parent, folder, *files) if path.is_symlink()]
+                if links:
+                    left_out[subject] = f"{links[0].relative_to(self.root)} is a link, not a file"
+                else:
+                    records[subject] = Record.load(files[0], self.method, subject)
+            except HarnessError as error:
+                left_out[subject] = str(error)
+        return Results(self, records, left_out)
 
-    def record(self, subject: str) -> Record:
-        """A subject's record.
 
-        Raises:
-            DataError: it cannot be read, or is of another method or subject than its path says.
-        """
-        path = self.record_path(subject)
-        record = Record.load(path)
-        if (record.method_name, record.subject) != (self.method, subject):
-            raise DataError(
-                f"{path} is in the place of another record",
-                expected=f"{self.method} on {subject}",
-                got=f"{record.method_name} on {record.subject}",
-            )
-        return record
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What an entry has reached.
+
+    Attributes:
+        entry: Whose.
+        records: By subject.
+        left_out: Why a file is no record of it, as a sentence without a full stop, by subject.
+    """
+
+    entry: Entry
+    records: Mapping[str, Record]
+    left_out: Mapping[str, str]
+
+    @property
+    def made(self) -> datetime:
+        """When its last record was made."""
+        times = (record.made for record in self.records.values())
+        return max(times, default=datetime.min.replace(tzinfo=UTC))
+
+    @property
+    def proven(self) -> list[str]:
+        """Subjects with numbers."""
+        return [subject for subject, record in self.records.items() if record.status == "ok"]
+
+    def means(self, subjects: Collection[str] | None = None) -> dict[str, float]:
+        """Means by metric's id over its subjects with numbers; over some of them, where given."""
+        chosen = [self.records[s] for s in self.proven if subjects is None or s in subjects]
+        found = {
+            name: [record.metrics[name].value for record in chosen if name in record.metrics]
+            for name in GEOMETRY_METRICS
+        }
+        return {name: fmean(values) for name, values in found.items() if values}
 
 
 def entries_in(root: Path, methods: Sequence[str] = ()) -> tuple[Entry, ...]:
@@ -80,22 +113,18 @@ def entries_in(root: Path, methods: Sequence[str] = ()) -> tuple[Entry, ...]:
     Raises:
         HarnessError: there is none, or none of a method that is named.
     """
-    found = sorted(
-        {path.parent for path in root.glob("*/*/*.json")},
-        key=lambda path: path.relative_to(root).as_posix(),
-    )
-    entries = tuple(
-        Entry(root, path.parent.name, path.name)
-        for path in found
-        if is_name(path.parent.name) and is_name(path.name)
-        if not methods or path.parent.name in methods
-    )
-    absent = sorted(set(methods) - {entry.method for entry in entries})
-    if entries and absent:
-        known = {path.parent.name for path in found}
+    found = {(path.parts[-3], path.parts[-2]) for path in root.glob("*/*/*.json")}
+    known = {method for method, _ in found}
+    absent = sorted(set(methods) - known)
+    if found and absent:
         raise HarnessError(
             f"there are no results of '{absent[0]}' in {root}", hint=did_you_mean(absent[0], known)
         )
+    entries = tuple(
+        Entry(root, method, version)
+        for method, version in sorted(found)
+        if is_name(method) and is_name(version) and (not methods or method in methods)
+    )
     if not entries:
         raise HarnessError(
             f"there are no results in {root}",
@@ -103,3 +132,11 @@ def entries_in(root: Path, methods: Sequence[str] = ()) -> tuple[Entry, ...]:
             hint="Write them with 'harness results export'",
         )
     return entries
+
+
+def versions(board: Entry) -> tuple[Results, ...]:
+    """All versions of an entry's method on its board, the one that was made last at the end."""
+    # A merge that was killed may have left a folder that is no version.
+    names = {path.parent.name for path in board.directory.parent.glob("*/*.json")}
+    found = [Entry(board.root, board.method, name).read() for name in names if is_name(name)]
+    return tuple(sorted((each for each in found if each.records), key=lambda each: each.made))

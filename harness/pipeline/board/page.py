@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness.core.errors import ProtocolMismatch
+from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.records import Record
-from harness.pipeline.board.entries import Entry, entries_in
-from harness.pipeline.board.standing import made_utc
+from harness.pipeline.board.entries import Results, entries_in
 from reports.page.folder import page_folder
 from reports.page.methods import page_methods
 from reports.page.model import BoardModel, Fact
@@ -21,47 +20,57 @@ from reports.statistics import bootstrap_ends
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 from reports.tables.regions import regions_table
-from reports.tables.selection import check_comparable
+from reports.tables.selection import check_comparable, check_one_method
 from reports.tables.table import Table
 
 #: Fewer subjects tell next to nothing of their spread.
-_LEAST_FOR_INTERVALS = 4
+_LEAST_FOR_INTERVALS, _MOST_LISTED = 4, 20
 _TABLES: tuple[Callable[..., Table], ...] = (geometry_table, regions_table, cost_table)
 
 
 @dataclass(frozen=True, slots=True)
 class _Standing:
-    """The records of one entry, which carry the version in their method's name.
+    """The records of one entry that can be shown; their methods carry the version in their names.
 
     Attributes:
-        entry: Where they lie.
+        results: What was read.
         records: Named as ``hull8/1.0``.
-        made_utc: When the last of them was made.
     """
 
-    entry: Entry
+    results: Results
     records: tuple[Record, ...]
-    made_utc: str
-
-    @classmethod
-    def of(cls, entry: Entry) -> _Standing:
-        records = tuple(_named(entry, entry.record(subject)) for subject in entry.subjects())
-        return cls(entry, records, made_utc(entry))
 
 
-def write_board_page(board: Path, directory: Path, title: str) -> Path:
+def write_board_page(
+    board: Path, directory: Path, title: str, tell: Callable[[str], None] = lambda _: None
+) -> Path:
     """The ``index.html`` of a leaderboard, written now.
+
+    What cannot be read or cannot stand in one table is left out, and the page lists it.
 
     Args:
         board: Results as ``<method>/<version>/<subject>.json``.
         directory: The folder to write; an older page there is replaced.
         title: The heading.
+        tell: Hears what is left out, one line each.
 
     Raises:
-        HarnessError: a board without results, or a folder that holds something else.
-        DataError: a record that cannot be read or lies in the wrong place.
+        HarnessError: a board without results that can be shown, or a folder that holds something
+            else.
     """
-    standings = [_Standing.of(entry) for entry in entries_in(board)]
+    standings: list[_Standing] = []
+    left_out: list[str] = []
+    for entry in entries_in(board):
+        results = entry.read()
+        left_out += [f"{entry.title}, {each}: {why}" for each, why in results.left_out.items()]
+        try:
+            standings += _standing(results)
+        except ProtocolMismatch as error:
+            left_out.append(f"{entry.title}: {error}")
+    for line in left_out:
+        tell(f"left out: {line}")
+    if not standings:
+        raise HarnessError(f"there are no results in {board} that can be shown", got=left_out[0])
     groups = _comparable(standings)
     records = tuple(record for group in groups for record in _records(group))
     methods = tuple(method for group in groups for method in page_methods(_records(group)))
@@ -70,7 +79,7 @@ def write_board_page(board: Path, directory: Path, title: str) -> Path:
     model = BoardModel(
         title=title,
         lead=_lead(standings),
-        facts=_facts(records),
+        facts=(*_facts(records), *([Fact("Left out", _first(left_out))] if left_out else [])),
         tables=_tables(groups),
         methods=methods,
         records=records,
@@ -79,15 +88,37 @@ def write_board_page(board: Path, directory: Path, title: str) -> Path:
     with page_folder(directory) as folder:
         for standing in standings:
             for shown in standing.records:
-                folder.add_record(shown, standing.entry.record(shown.subject))
+                folder.add_record(shown, standing.results.records[shown.subject])
         folder.finish_board(model)
     return directory / "index.html"
 
 
-def _named(entry: Entry, record: Record) -> Record:
-    info = record.method
-    named = replace(info, name=entry.title, title=f"{info.title} ({entry.version})")
-    return replace(record, method=named)
+def _standing(results: Results) -> list[_Standing]:
+    """An entry's records under its name; none if it has none.
+
+    Raises:
+        ProtocolMismatch: they cannot stand in one table.
+    """
+    entry, found = results.entry, results.records.values()
+    check_comparable(list(found))
+    check_one_method([record for record in found if record.status == "ok"])
+    records = tuple(
+        replace(
+            record,
+            method=replace(
+                record.method,
+                name=entry.title,
+                title=f"{record.method.title} ({entry.version})",
+            ),
+        )
+        for record in found
+    )
+    return [_Standing(results, records)] if records else []
+
+
+def _first(lines: Sequence[str]) -> str:
+    more = len(lines) - _MOST_LISTED
+    return "; ".join(lines[:_MOST_LISTED]) + (f"; and {more} more" if more > 0 else "")
 
 
 def _records(group: Iterable[_Standing]) -> list[Record]:
@@ -106,7 +137,6 @@ def _comparable(standings: Sequence[_Standing]) -> list[list[_Standing]]:
             group.append(standing)
             break
         else:
-            check_comparable(standing.records)
             groups.append([standing])
     return groups
 
@@ -114,7 +144,8 @@ def _comparable(standings: Sequence[_Standing]) -> list[list[_Standing]]:
 def _tables(groups: Sequence[Sequence[_Standing]]) -> tuple[Table, ...]:
     found: list[Table] = []
     for number, group in enumerate(groups, start=1):
-        last = {standing.entry.method: standing for standing in sorted(group, key=_made)}.values()
+        ordered = sorted(group, key=lambda standing: standing.results.made)
+        last = {standing.results.entry.method: standing for standing in ordered}.values()
         records = _records(last)
         tables = [_table(make, records) for make in _TABLES]
         if len(last) < len(group):
@@ -134,17 +165,13 @@ def _tables(groups: Sequence[Sequence[_Standing]]) -> tuple[Table, ...]:
     return tuple(found)
 
 
-def _made(standing: _Standing) -> str:
-    return standing.made_utc
-
-
 def _table(make: Callable[..., Table], records: Sequence[Record]) -> Table:
     enough = len({record.subject for record in records}) >= _LEAST_FOR_INTERVALS
     return make(records, interval=bootstrap_ends if enough else None)
 
 
 def _lead(standings: Sequence[_Standing]) -> str:
-    methods = len({standing.entry.method for standing in standings})
+    methods = len({standing.results.entry.method for standing in standings})
     return (
         f"{methods} method{'' if methods == 1 else 's'} in {len(standings)} "
         f"version{'' if len(standings) == 1 else 's'}, whose meshes were handed in and scored."
@@ -156,7 +183,7 @@ def _facts(records: Sequence[Record]) -> tuple[Fact, ...]:
         Fact("Datasets", _listed(record.dataset for record in records)),
         Fact("Photos", _listed(record.recipe or "made elsewhere" for record in records)),
         Fact("Metric protocols", _listed(record.protocol.text for record in records)),
-        Fact("Last result (UTC)", max(record.created_utc for record in records)),
+        Fact("Last result (UTC)", max(records, key=lambda record: record.made).created_utc),
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.atomic import refuse_constant, write_text
+from harness.core.files.atomic import write_text
 from harness.core.records import Record
 
 _REMAKE = "Write it with 'harness results records FILE --run NAME'"
@@ -53,33 +53,20 @@ def read_record_file(path: Path) -> list[Record]:
         DataError: no such file, a line that is no record, or two records of one method and subject.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8").removesuffix("\n").split("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"cannot read records from {path}", got=str(error), hint=_REMAKE) from error
-    records = [_record(line, f"line {number} of {path}") for number, line in enumerate(lines, 1)]
-    if not records:
+    if lines == [""]:
         raise DataError(f"{path} has no records", hint=_REMAKE)
-    cells = [(record.method_name, record.subject) for record in records]
-    twice = next((cell for cell in cells if cells.count(cell) > 1), None)
-    if twice is not None:
-        raise DataError(
-            f"{path} has two records of {twice[0]} on {twice[1]}",
-            expected="one record of each method and subject",
-            hint=_REMAKE,
-        )
-    return records
-
-
-def _record(line: str, source: str) -> Record:
-    try:
-        document = json.loads(line, parse_constant=refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise DataError(f"{source} is not JSON", got=str(error), hint=_REMAKE) from error
-    if not isinstance(document, dict):
-        raise DataError(
-            f"{source} is not a record",
-            expected="a JSON object",
-            got=type(document).__name__,
-            hint=_REMAKE,
-        )
-    return Record.from_document(document, source)
+    records: dict[tuple[str, str], Record] = {}
+    for number, line in enumerate(lines, 1):
+        record = Record.from_text(line, f"line {number} of {path}")
+        cell = (record.method_name, record.subject)
+        if cell in records:
+            raise DataError(
+                f"{path} has two records of {cell[0]} on {cell[1]}",
+                expected="one record of each method and subject",
+                hint=_REMAKE,
+            )
+        records[cell] = record
+    return list(records.values())

@@ -1,22 +1,26 @@
 """``harness results verify``: every mesh is scored again; nothing that a record says is believed.
 
 A board that only collects numbers collects mistakes. Here the mesh is what is handed in; the record
-must say what anybody finds who measures that mesh.
+must say what anybody finds who measures that mesh. What no mesh can show is listed as not proven.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
 
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import load_mesh
-from harness.core.records import Record
-from harness.core.settings import MetricProtocol
+from harness.core.formats.typed_json import is_array, is_mapping, to_json
+from harness.core.records import ProtocolStamp, Record
+from harness.core.results import MetricValue, Scores
+from harness.core.units import UNITS_RULE
 from harness.data.manifest import Manifest
 from harness.pipeline.board.entries import Entry
-from harness.pipeline.board.proof import date_faults, differences
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.workspace import Workspace
@@ -28,6 +32,14 @@ from reports.tables.selection import check_comparable, check_one_method
 _TASK = "meshes scored again"
 #: What is said of a subject that is not there.
 NO_RECORD = "no record"
+#: The same mesh gives the same numbers; machines differ by their last digits.
+_RELATIVE, _ABSOLUTE = 1e-4, 1e-3
+#: Numbers besides the means: how many points may fall on the other side of a border, and by how
+#: much that changes what is of all points, and of those of one region.
+_POINTS, _OF_ALL, _OF_REGION, _MOST_SHOWN = 3, (1e-3, 1e-3), (1e-2, 0.02), 80
+#: The one form of times, which come after the first and differ by less between machines' clocks.
+_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?[+-]\d\d:\d\d")
+_FIRST, _CLOCKS = datetime(2020, 1, 1, tzinfo=UTC), timedelta(days=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +47,15 @@ class Finding:
     """Something that is wrong with an entry.
 
     Attributes:
-        entry: Method and version.
         subject: Whose result; empty where it is of all.
         what: A sentence without a full stop.
     """
 
-    entry: str
     subject: str
     what: str
 
     def __str__(self) -> str:
-        return f"{self.entry}{f', {self.subject}' if self.subject else ''}: {self.what}"
+        return f"{self.subject}: {self.what}" if self.subject else self.what
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +66,7 @@ class Verification:
         entry: Method and version.
         scored: Subjects whose mesh was scored again.
         failed: Subjects that the record itself says have no result.
-        unproven: Metrics of records that no mesh can prove, such as those of fitted bodies.
+        unproven: What records say that no mesh can prove, such as metrics of fitted bodies.
         findings: What is wrong; empty if nothing is.
     """
 
@@ -103,109 +113,171 @@ def verify_entry(entry: Entry, truths: Truths, progress: Progress) -> Verificati
         HarnessError: an unknown dataset, or a sealed one without a reason.
         DataError: a true surface is not there.
     """
-    return _Verifier(entry, truths, progress).verify()
-
-
-@dataclass(frozen=True, slots=True)
-class _Verifier:
-    entry: Entry
-    truths: Truths
-    progress: Progress
-
-    def verify(self) -> Verification:
-        records, findings = self._read()
-        scored: list[str] = []
-        failed: list[str] = []
-        unproven: dict[str, None] = {}
-        if records:
-            scans = self.truths.scans(self.entry, records[0].dataset, self.progress)
-            absent = [s for s in scans.subjects if s not in self.entry.subjects()]
-            findings += [self._finding(subject, NO_RECORD) for subject in absent]
-            findings += self._together(records)
-            self.progress.expect(_TASK, len(records))
-            for record in records:
-                if record.subject not in scans.subjects:
-                    # Of a split, others of its dataset are left out; a board does not get them.
-                    if record.subject not in scans.dataset.subjects:
-                        what = f"no subject of {scans.name}"
-                        findings.append(self._finding(record.subject, what))
-                    continue
-                findings += self._faults(record, scans, unproven)
-                (scored if record.status == "ok" else failed).append(record.subject)
-                self.progress.done(_TASK)
-        return Verification(
-            self.entry.title, tuple(scored), tuple(failed), tuple(unproven), tuple(findings)
-        )
-
-    def _finding(self, subject: str, what: str) -> Finding:
-        return Finding(self.entry.title, subject, what)
-
-    def _read(self) -> tuple[list[Record], list[Finding]]:
-        """The records that can be read, and what is wrong with the others."""
-        records: list[Record] = []
-        findings: list[Finding] = []
-        for subject in self.entry.subjects():
+    results = entry.read()
+    findings = [Finding(subject, why) for subject, why in results.left_out.items()]
+    records = list(results.records.values())
+    scored: list[str] = []
+    failed: list[str] = []
+    unproven: dict[str, None] = {}
+    findings += [
+        Finding(record.subject, f"of dataset {record.dataset}, which the manifest does not have")
+        for record in records
+        if record.dataset not in truths.manifest.datasets
+    ]
+    datasets = sorted({record.dataset for record in records} & truths.manifest.datasets.keys())
+    if len(datasets) > 1:
+        findings.append(Finding("", f"records of {' and '.join(datasets)} in one entry"))
+    records = [record for record in records if record.dataset in datasets[:1]]
+    scans = truths.scans(entry, datasets[0], progress) if records else None
+    if scans is not None:
+        absent = [subject for subject in scans.subjects if subject not in entry.subjects()]
+        findings += [Finding(subject, NO_RECORD) for subject in absent]
+        findings += [Finding("", what) for what in _apart(records)]
+        progress.expect(_TASK, len(records))
+    for record in records:
+        assert scans is not None
+        if record.subject in scans.subjects:
             try:
-                if links := self.entry.links(subject):
-                    findings.append(self._finding(subject, f"{links[0]} is a link, not a file"))
-                else:
-                    records.append(self.entry.record(subject))
+                faults = list(_faults(record, entry, scans, truths.manifest, unproven))
             except HarnessError as error:
-                findings.append(self._finding(subject, str(error)))
-        datasets = sorted({record.dataset for record in records})
-        if len(datasets) > 1:
-            findings.append(self._finding("", f"records of {' and '.join(datasets)} in one entry"))
-        return [record for record in records if record.dataset in datasets[:1]], findings
+                faults = [str(error)]
+            findings += [Finding(record.subject, what) for what in faults]
+            (scored if record.status == "ok" else failed).append(record.subject)
+            progress.done(_TASK)
+        elif record.subject not in scans.dataset.subjects:
+            # Of a split, others of its dataset are left out; a board does not get them.
+            findings.append(Finding(record.subject, f"no subject of {scans.name}"))
+    return Verification(entry.title, tuple(scored), tuple(failed), tuple(unproven), tuple(findings))
 
-    def _together(self, records: Sequence[Record]) -> Iterator[Finding]:
-        """Why no table can hold all records, if none can."""
-        try:
-            check_comparable(records)
-            check_one_method([record for record in records if record.status == "ok"])
-        except ProtocolMismatch as error:
-            yield self._finding("", str(error))
 
-    def _faults(
-        self, record: Record, scans: ScanSet, unproven: dict[str, None]
-    ) -> Iterator[Finding]:
-        """What is wrong with one record."""
-        if record.dataset != scans.name:
-            yield self._finding(record.subject, f"of dataset {record.dataset}, not {scans.name}")
-            return
-        protocol = self.truths.manifest.protocols.get(record.protocol.name)
-        if protocol is None or protocol.sha != record.protocol.sha:
-            known = f"not {protocol.sha}" if protocol else "which the manifest does not have"
-            yield self._finding(
-                record.subject, f"measured with protocol {record.protocol.text}, {known}"
-            )
-            return
-        for what in date_faults(record):
-            yield self._finding(record.subject, what)
-        if record.status != "ok":
-            if record.metrics or record.regions or record.normal_maps:
-                yield self._finding(record.subject, f"{record.status}, but with numbers")
-            if self.entry.mesh_path(record.subject).exists():
-                yield self._finding(record.subject, f"{record.status}, but with a mesh")
-            return
-        try:
-            yield from self._mesh_faults(record, scans, protocol, unproven)
-        except HarnessError as error:
-            yield self._finding(record.subject, str(error))
+def _apart(records: Sequence[Record]) -> Iterator[str]:
+    """Why no table can hold all records, if none can."""
+    try:
+        check_comparable(records)
+        check_one_method([record for record in records if record.status == "ok"])
+    except ProtocolMismatch as error:
+        yield str(error)
 
-    def _mesh_faults(
-        self, record: Record, scans: ScanSet, protocol: MetricProtocol, unproven: dict[str, None]
-    ) -> Iterator[Finding]:
-        path = self.entry.mesh_path(record.subject)
-        if not path.is_file():
-            yield self._finding(record.subject, "no mesh beside its record")
-            return
-        sha256 = file_sha256(path)
-        if sha256 != record.files.get(MESH_FILE):
-            yield self._finding(
-                record.subject, f"the mesh (sha256 {sha256[:12]}…) is not the one that was scored"
-            )
-        scan, truth = scans.load(record.subject)
-        found = mesh_scores(load_mesh(path), scan, truth, protocol, misplaced="tell")
-        for text in differences(record, found):
-            yield self._finding(record.subject, text)
-        unproven.update(dict.fromkeys(name for name in record.metrics if name not in found.metrics))
+
+def _faults(
+    record: Record, entry: Entry, scans: ScanSet, manifest: Manifest, unproven: dict[str, None]
+) -> Iterator[str]:
+    """What is wrong with one record; what it says and nothing here shows is added to the last."""
+    if record.dataset != scans.name:
+        yield f"of dataset {record.dataset}, not {scans.name}"
+        return
+    protocol = manifest.protocols.get(record.protocol.name)
+    if protocol is None or ProtocolStamp.of(protocol) != record.protocol:
+        known = f"not {protocol.sha}" if protocol else "which the manifest does not have"
+        yield f"measured with protocol {record.protocol.text}, {known}"
+        return
+    yield from _setting_faults(record, scans, manifest)
+    yield from date_faults(record)
+    if record.is_edited:
+        unproven["a record that was edited"] = None
+    path = entry.mesh_path(record.subject)
+    if record.status != "ok":
+        unproven["reasons of failures"] = None
+        if record.metrics or record.regions or record.normal_maps:
+            yield f"{record.status}, but with numbers"
+        if path.exists():
+            yield f"{record.status}, but with a mesh"
+        return
+    if not path.is_file():
+        yield "no mesh beside its record"
+        return
+    sha256 = file_sha256(path)
+    if sha256 != record.files.get(MESH_FILE):
+        yield f"the mesh (sha256 {sha256[:12]}…) is not the one that was scored"
+    scan, truth = scans.load(record.subject)
+    found = mesh_scores(load_mesh(path), scan, truth, protocol, misplaced="tell")
+    yield from differences(record, found)
+    others = {"normal maps": record.normal_maps, "times and memory": record.stages,
+              "views": record.capture.views or record.method.views != ()}  # fmt: skip
+    names = (name for name in record.metrics if name not in found.metrics)
+    unproven.update(dict.fromkeys([*names, *(name for name, said in others.items() if said)]))
+
+
+def _setting_faults(record: Record, scans: ScanSet, manifest: Manifest) -> Iterator[str]:
+    """What a record says otherwise of its scan and photos than the manifest does."""
+    rule, views = scans.dataset.scale, record.capture.views
+    if record.scale_rule != rule and (record.scale_rule or rule == UNITS_RULE):
+        yield f"of the scale rule '{record.scale_rule}', but the dataset's is '{rule}'"
+    recipe = manifest.recipes.get(record.recipe)
+    if recipe is not None and views not in (0, recipe.rig.views):
+        yield f"of {views} photos, but recipe {record.recipe} has {recipe.rig.views}"
+    most = max((record.method.view_count or 0) - 1, *(record.method.views or ()), -1)
+    if views and most >= max(views, 8):
+        yield f"uses view {most} of {views} photos"
+
+
+def date_faults(record: Record, now: datetime | None = None) -> Iterator[str]:
+    """What is wrong with the time at which a record says that it was made.
+
+    Args:
+        record: Its time orders the versions of a method.
+        now: The time that it is compared with; by default the clock's.
+    """
+    text = f"made at {record.created_utc}"
+    if not _TIME.fullmatch(record.created_utc) or record.made <= _FIRST:
+        yield f"made at '{record.created_utc}', which is no time such as 2026-01-31T12:00:00+00:00"
+    elif record.made - (now or datetime.now(UTC)) > _CLOCKS:
+        yield f"{text}, which is yet to come"
+    elif not record.created_utc.endswith("+00:00"):
+        yield f"{text}, which is not in UTC"
+
+
+def differences(record: Record, found: Scores) -> Iterator[str]:
+    """What a record says otherwise than its mesh shows, each as a sentence without a full stop."""
+    for name, value in found.metrics.items():
+        yield from _of_metric(name, record.metrics.get(name), value)
+    for name in {**record.regions, **found.regions}:
+        if name not in found.regions:
+            yield f"errors of a region '{name}', which the scan does not have"
+        elif name not in record.regions:
+            yield f"no errors of the region '{name}', which its mesh has"
+        else:
+            said, shown = asdict(record.regions[name]), asdict(found.regions[name])
+            yield from _unlike(said, shown, f"of the region '{name}'", _OF_REGION)
+    yield from _unlike(to_json(record.diagnostics), to_json(found.diagnostics), "of diagnostics")
+
+
+def _of_metric(name: str, claimed: MetricValue | None, value: MetricValue) -> Iterator[str]:
+    if claimed is None:
+        yield f"no {name}, which its mesh has: {value.value:.4f} {value.unit}"
+    elif claimed.unit != value.unit or not _same(claimed.value, value.value):
+        said = f"{claimed.value:.4f} {claimed.unit}"
+        yield f"{name} is {said} in the record, but {value.value:.4f} {value.unit} of the mesh"
+    elif not _same(claimed.floor, value.floor):
+        said = f"{claimed.floor:.4f}, but {value.floor:.4f} {value.unit}"
+        yield f"the floor of {name} is {said} of the scan"
+    else:
+        yield from _unlike(asdict(claimed), asdict(value), name)
+
+
+def _same(claimed: float, found: float) -> bool:
+    return math.isclose(claimed, found, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
+
+
+def _unlike(
+    said: object, found: object, place: str, near: tuple[float, float] = _OF_ALL
+) -> Iterator[str]:
+    """Where JSON values differ, numbers by more than points on either side of a border explain."""
+    if is_mapping(said) and is_mapping(found):
+        for name in {**said, **found}:
+            yield from _unlike(said.get(name), found.get(name), f"{name} {place}", near)
+    elif is_array(said) and is_array(found) and len(said) == len(found):
+        for one, other in zip(said, found, strict=True):
+            yield from _unlike(one, other, place, near)
+    elif not _alike(said, found, near):
+        texts = (str(value)[:_MOST_SHOWN] for value in (said, found))
+        yield "{} is {} in the record, but {} of the mesh".format(place, *texts)
+
+
+def _alike(said: object, found: object, near: tuple[float, float]) -> bool:
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        return said == found
+    if isinstance(said, bool) or not isinstance(said, int | float):
+        return False
+    relative, absolute = (near[0], _POINTS) if isinstance(found, int) else near
+    return math.isclose(said, found, rel_tol=relative, abs_tol=absolute)

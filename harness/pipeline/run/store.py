@@ -79,7 +79,7 @@ class CellFolder:
             DataError: a record that cannot be read.
         """
         path = self.directory / _RECORD_FILE
-        return Record.load(path) if path.is_file() else None
+        return Record.load(path, *self.directory.parts[-2:]) if path.is_file() else None
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -185,7 +185,8 @@ class RunStore:
         Raises:
             DataError: a record that cannot be read; it is never skipped.
         """
-        return [Record.load(path) for path in sorted(self.directory.glob(f"*/*/{_RECORD_FILE}"))]
+        paths = sorted(self.directory.glob(f"*/*/{_RECORD_FILE}"))
+        return [Record.load(path, *path.parts[-3:-1]) for path in paths]
 
     def result(self, record: Record, name: str) -> Path:
         """The file of a record's result, such as ``mesh.ply``, after a check that it is unchanged.

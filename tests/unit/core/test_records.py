@@ -48,17 +48,17 @@ def test_a_record_there_and_back(tmp_path: Path, record: Record) -> None:
     path = tmp_path / "runs" / "record.json"
     record.save(path)
 
-    back = Record.load(path)
+    back = Record.load(path, "hull8", "a01")
 
     assert back == record
     assert back.method_name == "hull8"
-    assert json.loads(path.read_text())["schema"] == 4
+    assert json.loads(path.read_text())["schema"] == 5
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema=1), "not a record of this version .*schema 4; got 1"),
+        (lambda d: d.update(schema=1), "not a record of this version .*schema 5; got 1"),
         (lambda d: d.pop("schema"), "not a record of this version .*got None"),
         (lambda d: d.pop("metrics"), "not a record .*metrics"),
         (lambda d: d.pop("key"), "not a record .*key"),
@@ -79,7 +79,7 @@ def test_what_is_not_a_record(
     write_json(path, document)
 
     with pytest.raises(DataError, match=message):
-        Record.load(path)
+        Record.load(path, "hull8", "a01")
 
 
 def test_a_number_that_is_not_one_is_never_filed(tmp_path: Path) -> None:
@@ -178,23 +178,24 @@ def test_only_the_rule_units_makes_lengths_scan_units() -> None:
 def test_records_of_the_earlier_schemas_are_read(tmp_path: Path) -> None:
     path = tmp_path / "record.json"
     document = json.loads(json.dumps(RECORD.to_dict()))
+    assert document.pop("digest")
     assert document.pop("shared_work") == []
     assert document["method"].pop("view_count") is None
     assert document["capture"].pop("views") == 8
     document["schema"] = 2
     write_json(path, document)
     before = replace(RECORD, capture=replace(RECORD.capture, views=0))
-    assert Record.load(path) == before
+    assert Record.load(path, "hull8", "a01") == before
     pixels = AngularErrors(5.0, 4.0, 0.9, 1.0, 1.0, n=10)
     maps = NormalMapErrors(0, 0.0, "near", None, AngularPair(pixels, pixels), None)
     later = json.loads(json.dumps(replace(RECORD, normal_maps=(maps,)).to_dict()))
-    del later["normal_maps"][0]["folds"]
+    del later["normal_maps"][0]["folds"], later["digest"]
     write_json(path, {**later, "schema": 3})
-    assert Record.load(path) == replace(RECORD, normal_maps=(maps,))
+    assert Record.load(path, "hull8", "a01") == replace(RECORD, normal_maps=(maps,))
     document["method"] = "hull8"
     write_json(path, document)
     with pytest.raises(DataError, match="not a record"):
-        Record.load(path)
+        Record.load(path, "hull8", "a01")
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,8 @@ from harness.core.formats.typed_json import to_json
 from harness.core.records import Record
 from harness.data.manifest import load_manifest
 from harness.pipeline.board.compare import changed_entries, changes_markdown, compare_boards
+from harness.pipeline.board.copying import export_results, merge_entry, withheld
 from harness.pipeline.board.entries import Entry, entries_in
-from harness.pipeline.board.export import export_results, withheld
-from harness.pipeline.board.merge import merge_entry
 from harness.pipeline.board.page import write_board_page
 from harness.pipeline.board.record_file import write_record_file
 from harness.pipeline.board.verify import NO_RECORD, Truths, Verification, verify_entry
@@ -135,7 +134,7 @@ def verify(
     with shown_progress(quiet=as_json) as progress:
         found = [verify_entry(entry, truths, progress) for entry in entries]
     if as_json:
-        print_json([_as_json(one) for one in found])
+        print_json([to_json(one) for one in found])
     else:
         for one in found:
             _print(one)
@@ -206,7 +205,7 @@ def page(
     ] = "Leaderboard",
 ) -> None:
     """Write a leaderboard as a page of files that opens without a network."""
-    print(write_board_page(board, folder, title))
+    print(write_board_page(board, folder, title, lambda line: print(line, file=sys.stderr)))
 
 
 def _chosen(store: RunStore, method: str, subjects: str) -> list[Record]:
@@ -226,20 +225,10 @@ def _chosen(store: RunStore, method: str, subjects: str) -> list[Record]:
 
 def _print(found: Verification) -> None:
     for finding in found.findings:
-        print(f"WRONG  {finding}")
+        print(f"WRONG  {found.entry}{', ' if finding.subject else ': '}{finding}")
     if any(finding.what == NO_RECORD for finding in found.findings):
         print("  --dataset names a split that has to be complete instead of its dataset")
     text = f"{found.entry}: {len(found.scored)} meshes scored again, {len(found.failed)} failed"
     print(f"{text}, {len(found.findings)} findings")
     if found.unproven:
         print(f"  not proven by a mesh: {', '.join(found.unproven)}")
-
-
-def _as_json(found: Verification) -> dict[str, object]:
-    return {
-        "entry": found.entry,
-        "scored": list(found.scored),
-        "failed": list(found.failed),
-        "unproven": list(found.unproven),
-        "findings": [{"subject": one.subject, "what": one.what} for one in found.findings],
-    }

@@ -230,6 +230,48 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path: Path) -> None:
     assert all(name == "record.json" or name.startswith(".") for name in names(tmp_path))
 
 
+def test_a_link_is_written_through_and_stays(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "old.txt").write_text("old")
+    for name, target in (("link", "far/old.txt"), ("chain", "link"), ("dangling", "far/new.txt")):
+        (tmp_path / name).symlink_to(target)
+        write_text(tmp_path / name, name)
+
+        assert (tmp_path / name).is_symlink()
+        assert (tmp_path / target).read_text() == name
+    assert {path.name for path in (tmp_path / "far").iterdir()} == {"old.txt", "new.txt"}
+
+
+def test_a_folder_behind_a_link_is_replaced_and_the_link_stays(tmp_path: Path) -> None:
+    (tmp_path / "page").mkdir()
+    (tmp_path / "link").symlink_to("page")
+    with atomic_directory(tmp_path / "link") as temporary:
+        (temporary / "new").write_text("new")
+
+    assert (tmp_path / "link").is_symlink()
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["link", "new", "page"]
+
+
+def test_a_fifo_is_written_to(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    reader = subprocess.Popen(["cat", tmp_path / "fifo"], stdout=subprocess.PIPE)
+    write_text(tmp_path / "fifo", "through")
+
+    assert reader.communicate(timeout=30)[0] == b"through"
+    assert [path.name for path in tmp_path.iterdir()] == ["fifo"]
+    assert (tmp_path / "fifo").is_fifo()
+
+
+def test_devices_are_written_to(capfd: pytest.CaptureFixture[str]) -> None:
+    write_text(Path("/dev/null"), "nothing")
+    write_text(Path("/dev/stdout"), "shown")
+
+    assert Path("/dev/null").is_char_device()
+    assert capfd.readouterr().out == "shown"
+    with pytest.raises(DataError, match="could not write /dev/full: No space left"):
+        write_text(Path("/dev/full"), "no room")
+
+
 def test_json_there_and_back(tmp_path: Path) -> None:
     value = {"b": [1, 2.5, None, True], "a": {"ü": "ø"}}
     write_json(tmp_path / "a.json", value)

@@ -188,6 +188,7 @@ WRONG = {
     "a list of texts": DESCRIPTION.replace('["json", "toy_network.model"]', '"json"'),
     "not a text": DESCRIPTION.replace('"MIT"', "3"),
     "script that is not there": DESCRIPTION.replace("worker.py", "other.py"),
+    "outside the folders": DESCRIPTION.replace("worker.py", "../../other.py"),
     "unknown words": DESCRIPTION + 'command = ["{python}", "{photos}", "{request}", "{answer}"]\n',
     "does not take {answer}": DESCRIPTION + 'command = ["{python}", "{script}", "{request}"]\n',
 }

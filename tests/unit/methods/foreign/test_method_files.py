@@ -37,7 +37,20 @@ WRONG = {
     "up must be": ("-", 'up = "y"'),
     "settings by room": ("-", "[settings]\nvoxel_m = 0.1"),
     "not settings by room": ("-", "[settings.a]\nvoxel_m = [0.1]"),
-}
+    "'--volume=/:/host' cannot be the name of a container image": (
+        "-", 'image = "--volume=/:/host"'
+    ),
+    "'-v /:/host' cannot be the name of a container image": ("-", 'image = "-v /:/host"'),
+    "'--prefix=/opt' cannot be the name of a conda env": ("-", 'conda = "--prefix=/opt"'),
+    "must begin with a program, not with '--cwd=/'": (
+        "command", COMMAND.replace('["', '["--cwd=/", "')
+    ),
+    "must begin with a program, not with '{run.first}'": (
+        "command", COMMAND.replace('["', '["{run.first}", "') + '\n[settings.run]\nfirst = "a"'
+    ),
+    "'title' .* signs that cannot be printed .*x1b": ("title", r'title = "\u001b[2Jgone"'),
+    "'licence' .* signs that cannot be printed": ("licence", r'licence = "MIT\n* faked"'),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("complaint", WRONG)
@@ -45,6 +58,15 @@ def test_descriptions_that_are_wrong_are_refused(complaint, folder):
     without, line = WRONG[complaint]
     with pytest.raises(DataError, match=complaint):
         described(folder, line, without=without)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ['image = "registry.example.org:5000/lab/carve_2:1.0"', 'image = "carve@sha256:0123abcd"',
+     'conda = "carve-3.11"'],
+)  # fmt: skip
+def test_usual_names_of_environments_are_read(line, folder):
+    described(folder, line)
 
 
 def test_only_a_method_file_is_read(tmp_path):

@@ -11,6 +11,8 @@ import pytest
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.hashing import file_sha256
 from methods.normals import installed
+from methods.normals.onnx_estimator import OnnxNormals
+from methods.parts.onnx_files import read_network
 
 
 @pytest.fixture
@@ -101,6 +103,27 @@ def test_weights_beside_a_file_of_ones_own_are_in_its_sum(tmp_path, save_network
     (tmp_path / "split.data").unlink()
     with pytest.raises(DataError, match="not whole.*split.data"):
         installed.loaded(path)
+
+
+@pytest.mark.parametrize("place", ["../else/split.data", "{root}/else/split.data", "link.data"])
+def test_weights_that_lie_elsewhere_are_refused_before_they_are_read(tmp_path, save_network, place):
+    onnx = pytest.importorskip("onnx")
+    for folder in ("here", "else"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "here" / "link.data").symlink_to("../else/split.data")
+    model = onnx.load(save_network(tmp_path / "n.onnx"))
+    rows = onnx.numpy_helper.from_array(np.zeros((1, 3, 1, 1), np.float32), "offset")
+    model.graph.initializer.append(rows)
+    onnx.save(model, tmp_path / "else" / "n.onnx", save_as_external_data=True,
+              location="split.data", size_threshold=0)  # fmt: skip
+    model = onnx.load(tmp_path / "else" / "n.onnx", load_external_data=False)
+    entries = model.graph.initializer[-1].external_data
+    next(e for e in entries if e.key == "location").value = place.format(root=tmp_path)
+    path = tmp_path / "here" / "n.onnx"
+    path.write_bytes(model.SerializeToString())
+    for read in (installed.loaded, OnnxNormals, read_network):
+        with pytest.raises(DataError, match="outside the folders that were given"):
+            read(path)
 
 
 def test_weights_beside_the_file_are_refused(own, tmp_path, save_network):

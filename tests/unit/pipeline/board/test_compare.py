@@ -98,14 +98,15 @@ def test_a_version_may_not_be_removed(base: Path, tmp_path: Path) -> None:
     ]
 
 
-def test_versions_with_another_recipe_are_not_compared(base: Path, head: Path) -> None:
-    put(head, "2", tuple(replace(record, recipe="`other`") for record in HULL), day=2)
+def test_versions_with_another_protocol_are_not_compared(base: Path, head: Path) -> None:
+    other = replace(HULL[0].protocol, name="`other`")
+    put(head, "2", tuple(replace(record, protocol=other) for record in HULL), day=2)
     (change,) = compare_boards(base, head)
 
     assert (change.changes, change.faults) == ({}, ())
-    assert "recipe differs" in change.apart
+    assert "metric protocol differs" in change.apart
     assert "cannot be compared with `hull8/1`: `these records" in changes_markdown((change,))
-    assert "'other'" in changes_markdown((change,))
+    assert "'other' version" in changes_markdown((change,))
 
 
 def test_only_what_differs_has_to_be_verified(base: Path, head: Path) -> None:

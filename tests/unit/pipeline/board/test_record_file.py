@@ -35,8 +35,8 @@ def test_the_file_does_not_depend_on_the_order_of_records(tmp_path: Path) -> Non
     ("text", "message"),
     [
         ("", "has no records"),
-        ("{\n", "line 1 of .* is not JSON"),
-        ("[" * 100_000 + "\n", "line 1 of .* is not JSON"),
+        ("{\n", "line 1 of .* is not valid JSON"),
+        ("[" * 100_000 + "\n", "line 1 of .* is not valid JSON"),
         ("[]\n", "line 1 of .* is not a record"),
         ('{"schema": 1000}\n', "line 1 of .* is not a record of this version"),
     ],

@@ -69,8 +69,9 @@ def test_a_thousandth_of_a_unit_is_printed_as_a_millimetre(records):
 
 def test_the_rule_is_read_back_from_the_record(records, tmp_path):
     own, _ = records
-    own.save(tmp_path / "record.json")
-    assert type(own).load(tmp_path / "record.json").length_unit == "scan unit"
+    path = tmp_path / "record.json"
+    own.save(path)
+    assert type(own).load(path, own.method_name, own.subject).length_unit == "scan unit"
 
 
 def test_scan_units_and_metres_never_share_a_table(records):

@@ -37,6 +37,15 @@ RECORD = Record(
     status="ok",
 )
 
+
+@pytest.fixture
+def tmp_path(tmp_path: Path) -> Path:
+    """The folder of the record's cell."""
+    cell = tmp_path / RECORD.method_name / RECORD.subject
+    cell.mkdir(parents=True)
+    return cell
+
+
 #: Publishes attempts for ever, each with a number in its mesh, its body and its record.
 WRITER = """\
 import sys
@@ -201,7 +210,7 @@ def test_a_copy_that_followed_the_links_is_a_cell_as_well(tmp_path):
     cell = CellFolder(tmp_path / "cell")
     with cell.locked():
         publish_one(cell, 1)
-    copy = CellFolder(tmp_path / "copy")
+    copy = CellFolder(tmp_path / "copy" / "m" / "s")
     shutil.copytree(cell.directory, copy.directory)
     assert not (copy.directory / "mesh.ply").is_symlink()
     assert consistent(copy.directory) == 1
@@ -254,7 +263,7 @@ CALLS = ((Path, "rename"), (Path, "replace"), (Path, "mkdir"), (Path, "unlink"),
 
 @given(kills=st.lists(st.tuples(st.integers(0, 40), st.integers(1, 3)), max_size=6))
 def test_an_end_at_any_call_leaves_one_attempt(tmp_path_factory, kills):
-    place = tmp_path_factory.mktemp("cell")
+    place = tmp_path_factory.mktemp("cell") / "m" / "s"
     cell, last = CellFolder(place), None
     for calls, number in kills:
         with pytest.MonkeyPatch.context() as patch:

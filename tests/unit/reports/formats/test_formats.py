@@ -79,7 +79,10 @@ def test_csv_does_not_put_a_number_under_another_unit():
     assert [line["wall_s_mean_s"] for line in published] == ["45.0", "60.0", "150.0", "5.0"]
 
 
-@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r", "\n"])
+@pytest.mark.parametrize(
+    "start",
+    ["=", "+", "-", "@", "\t", "\r", "\n", "  =", "\u00a0 @", "\ufeff=", "\u200b+", "\uff1d"],
+)
 def test_csv_text_is_no_formula_and_numbers_stay_numbers(start):
     title = f"{start}HYPERLINK(1)"
     table = geometry_table([replace(r, method=replace(r.method, title=title)) for r in HULL])
@@ -88,6 +91,18 @@ def test_csv_text_is_no_formula_and_numbers_stay_numbers(start):
     (line,) = csv.DictReader(io.StringIO(to_csv(table), newline=""))
     assert line["title"] == "'" + title.replace("\r", " ")
     assert line["chamfer_mean_mm"] == "-1.5"
+
+
+@pytest.mark.parametrize(
+    "title",
+    ["@octocat", "by (@octocat)", "mail@example.org", "http://example.org", "HTTPS://example.org",
+     "www.example.org"],
+)  # fmt: skip
+def test_markdown_calls_nobody_and_links_nowhere(title):
+    method = replace(HULL[0].method, title=title)
+    text = to_markdown(geometry_table([replace(record, method=method) for record in HULL]))
+    assert title.partition("@")[2] in text
+    assert not re.search(r"@\w|://|www\.", text, re.IGNORECASE)
 
 
 @pytest.mark.parametrize("title", ["a|b", "a\nb", "*bold* `code` <b>", "[x](y)"])

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from harness.core.errors import DataError
-from methods.normals.onnx_files import read_network
+from methods.parts.onnx_files import read_network
 from normal_training.learning.networks.network import Block, NormalNetwork
 
 __all__ = ["HALF", "blended", "both_started_from", "network_from", "started_from"]

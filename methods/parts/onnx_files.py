@@ -10,6 +10,7 @@ from typing import Any
 
 from harness.core.errors import DataError, MissingPart
 from harness.core.files.hashing import file_sha256
+from harness.core.files.reach import named_path
 
 
 def network_sha256(path: Path) -> str:
@@ -18,7 +19,7 @@ def network_sha256(path: Path) -> str:
     It is that of the network's file or, where there are several, that of the list of their hashes.
 
     Raises:
-        DataError: not an ONNX file, or one of its files is not there.
+        DataError: not an ONNX file, or one of its files is not there or outside its folder.
         MissingPart: onnx is not installed.
     """
     sums = [file_sha256(file) for file in _files(path)]
@@ -31,7 +32,7 @@ def read_network(path: Path) -> Any:
     """The model in an ONNX file, with its weights, as the package onnx has it.
 
     Raises:
-        DataError: not an ONNX file.
+        DataError: not an ONNX file, or weights outside its folder.
         MissingPart: onnx is not installed.
     """
     try:
@@ -41,7 +42,11 @@ def read_network(path: Path) -> Any:
             "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
         ) from error
     try:
+        onnx.load(path, load_external_data=False)
+        _files(path)
         return onnx.load(path)
+    except DataError:
+        raise
     except Exception as error:  # protobuf's errors have no public base
         raise DataError(f"{path} is not an ONNX network", got=str(error)) from error
 
@@ -82,13 +87,14 @@ def _beside(path: Path, _changed_ns: int, _size: int) -> tuple[Path, ...]:
         model = onnx.load(path, load_external_data=False)
     except Exception as error:  # protobuf's errors have no public base
         raise DataError(f"{path} is not a network that can be run", got=str(error)) from error
-    return tuple(path.parent / name for name in sorted(set(_locations(model.graph))))
+    names = {name for part in (model.graph, *model.functions) for name in _locations(part)}
+    return tuple(named_path(path, name) for name in sorted(names))
 
 
 def _locations(graph: Any) -> Iterator[str]:
-    """Where the tensors of a graph, and of the graphs in it, have their values."""
-    tensors = [*graph.initializer]
-    for sparse in graph.sparse_initializer:
+    """Where the tensors of a graph or function, and of the graphs in it, have their values."""
+    tensors = [*getattr(graph, "initializer", ())]
+    for sparse in getattr(graph, "sparse_initializer", ()):
         tensors += [sparse.values, sparse.indices]
     for attribute in (each for node in graph.node for each in node.attribute):
         tensors += [attribute.t, *attribute.tensors]
