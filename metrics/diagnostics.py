@@ -14,6 +14,8 @@ F_SCORE_THRESHOLDS_MM = (5, 10, 20, 50)
 #: Faces of a closed surface cancel as vectors. Up to this share of the area, what is open is too
 #: little to let the sign of the volume depend on the origin.
 _NEARLY_CLOSED = 0.05
+#: Less volume than this, in cubes as large as the area, is none: a surface that is there twice.
+_NO_VOLUME = 1e-9
 
 
 def describe_distances(distances_mm: Floats) -> DistanceSummary:
@@ -61,8 +63,23 @@ def describe_mesh(surface: SurfaceIndex) -> MeshFacts:
         extent_m=(width, height, depth),
         area_m2=surface.area,
         signed_volume_m3=volume,
-        inverted=None if volume is None else volume < 0,
+        inverted=None
+        if volume is None or abs(volume) < _NO_VOLUME * surface.area**1.5
+        else volume < 0,
     )
+
+
+def doubles_warnings(surfaces: Mapping[str, SurfaceIndex]) -> list[str]:
+    """Says which meshes, by their role, have faces at the places of others."""
+    warnings: list[str] = []
+    for role, surface in surfaces.items():
+        extra, turned = int(surface.doubles.extra.sum()), int(surface.doubles.turned.sum())
+        if extra:
+            warnings.append(
+                f"{extra} of {len(surface.mesh.faces)} faces of the {role} mesh lie where others "
+                f"do, {turned} of them the other way round: areas count them, normals do not"
+            )
+    return warnings
 
 
 def winding_warnings(meshes: Mapping[str, MeshFacts], normal_errors_deg: Floats) -> list[str]:

@@ -15,7 +15,13 @@ from harness.core.mesh import Mesh
 from harness.core.results import Diagnostics, MetricValue
 from harness.core.settings import MetricProtocol
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
-from metrics.diagnostics import describe_distances, describe_mesh, f_scores, winding_warnings
+from metrics.diagnostics import (
+    describe_distances,
+    describe_mesh,
+    doubles_warnings,
+    f_scores,
+    winding_warnings,
+)
 from metrics.distance import (
     chamfer_point_to_surface,
     chamfer_sample_to_sample,
@@ -139,6 +145,7 @@ def score(
         warnings=(
             *doubts,
             *unit_warnings(true.surface),
+            *doubles_warnings({"predicted": mine.surface, "truth": true.surface}),
             *winding_warnings(meshes, compared(there.normal_errors_deg)),
         ),
         predicted_points=there if keep_points else None,

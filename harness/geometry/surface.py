@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.geometry.coinciding import (
+    Doubles,
+    coinciding_positions,
+    doubles_of,
+    merged_positions,
+)
 
 #: A sum of unit normals shorter than this has cancelled and no longer has a direction.
 _CANCELLED = 1e-6
@@ -34,20 +40,6 @@ class SurfacePoints:
 
     def __len__(self) -> int:
         return len(self.points)
-
-
-def merged_positions(vertices: Floats) -> Ints:
-    """(V,) a number for each of (V, D) points, equal where, and only where, positions are equal.
-
-    Texture seams and face-by-face formats split vertices; by position they are one again.
-    """
-    order = np.lexsort(vertices.T[::-1])
-    is_new = np.zeros(len(vertices), dtype=np.int64)
-    ordered = vertices[order]
-    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    group = np.empty(len(vertices), dtype=np.int64)
-    group[order] = np.cumsum(is_new)
-    return group
 
 
 def vertex_normals(mesh: Mesh) -> Floats:
@@ -75,12 +67,11 @@ def _corner_normals(faces: Ints, count: int, face_vectors: Floats) -> Floats:
     return sums
 
 
-def _split_at_seams(mesh: Mesh) -> tuple[Ints, int]:
+def _split_at_seams(mesh: Mesh, positions: Ints) -> tuple[Ints, int]:
     """(F, 3) a number for each corner, and how many there are.
 
-    Equal where, and only where, position and texture coordinate are equal.
+    Equal where, and only where, the position's number and the texture coordinate are equal.
     """
-    positions = merged_positions(mesh.vertices)[mesh.faces]
     if mesh.uv is None or mesh.face_uv is None:
         return positions, int(positions.max()) + 1
     coordinates = merged_positions(mesh.uv)[mesh.face_uv]
@@ -144,14 +135,23 @@ class SurfaceIndex:
         return float(np.einsum("ij,ij->", arms, self.face_vectors)) / 6
 
     @cached_property
+    def _places(self) -> Ints:
+        """(F, 3) a number for the place of each corner."""
+        return coinciding_positions(self.mesh.vertices, self.mesh.faces)[self.mesh.faces]
+
+    @cached_property
+    def doubles(self) -> Doubles:
+        """Faces at the places of others, and the face normals without them."""
+        arms = self.mesh.vertices[self.mesh.faces[:, 0]] - self.centre
+        return doubles_of(self._places, self.face_vectors, arms)
+
+    @cached_property
     def _smooth(self) -> tuple[Floats, Ints]:
         """(K, 3) unit normals, and (F, 3) which of them each corner has."""
+        corners, count = self._places, int(self._places.max()) + 1
         if self._split_seams:
-            corners, count = _split_at_seams(self.mesh)
-        else:
-            group = merged_positions(self.mesh.vertices)
-            corners, count = group[self.mesh.faces], int(group.max()) + 1
-        return _corner_normals(corners, count, self.face_vectors), corners
+            corners, count = _split_at_seams(self.mesh, corners)
+        return _corner_normals(corners, count, self.doubles.vectors), corners
 
     def closest(self, points: Floats) -> tuple[SurfacePoints, Floats]:
         """The nearest points of the surface to (N, 3) query points, and their (N,) distances.

@@ -16,7 +16,7 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask
 from harness.core.mesh import Mesh
 from harness.core.quality.photo_scores import Soundness
-from harness.geometry.surface import merged_positions
+from harness.geometry.coinciding import merged_positions
 from harness.geometry.topology import Edges, edges_of, half_edges
 
 #: An edge is cast without so much of it at either end, where it meets its neighbours.

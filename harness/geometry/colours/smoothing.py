@@ -9,7 +9,8 @@ import numpy as np
 
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.mesh import Mesh
-from harness.geometry.surface import merged_positions, vertex_normals
+from harness.geometry.coinciding import merged_positions
+from harness.geometry.surface import vertex_normals
 from harness.geometry.topology import components, edges_of
 
 #: Vertices are put together in cells of this share of the wanted width.

@@ -15,7 +15,7 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.mesh import Mesh
-from harness.geometry.surface import merged_positions
+from harness.geometry.coinciding import merged_positions
 from harness.geometry.topology import open_edges
 from harness.pipeline.conformance.verdict import Answer, Check
 

@@ -5,7 +5,8 @@ import pytest
 
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.geometry.surface import SurfaceIndex, SurfacePoints, merged_positions, vertex_normals
+from harness.geometry.coinciding import merged_positions
+from harness.geometry.surface import SurfaceIndex, SurfacePoints, vertex_normals
 
 TETRAHEDRON = Mesh(
     vertices=np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float),

@@ -212,3 +212,21 @@ def test_defective_meshes_never_become_numbers(pair, defect):
         faces[7, 2] = len(vertices)
     with pytest.raises(DataError):
         dataclasses.replace(truth, vertices=vertices, faces=faces)
+
+
+@pytest.mark.parametrize("role", ["predicted", "truth"])
+@pytest.mark.parametrize("turned", [True, False])
+def test_faces_that_are_there_twice_are_told_and_turn_no_normal(shapes, exact, role, turned):
+    small, large = shapes.sphere(0.5, level=3), shapes.sphere(0.51, level=3)
+    wanted = score(small, large, exact)
+    assert not wanted.warnings
+    mesh = small if role == "predicted" else large
+    copy = mesh.faces[:, ::-1] if turned else mesh.faces
+    twice = dataclasses.replace(mesh, faces=np.vstack([mesh.faces, copy]))
+    found = score(twice, large, exact) if role == "predicted" else score(small, twice, exact)
+    (warning,) = found.warnings
+    count = len(mesh.faces)
+    assert f"{count} of {2 * count} faces of the {role} mesh lie where others do" in warning
+    assert f"{count if turned else 0} of them the other way round" in warning
+    normal = found.metrics["normal_error"].value
+    assert normal == pytest.approx(wanted.metrics["normal_error"].value, abs=0.05)
