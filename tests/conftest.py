@@ -86,7 +86,7 @@ LONG_TESTS = (
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Nightly tests run when they are asked for: ``-m nightly``.
+    """Nightly tests run when they are asked for: with ``-m "not slow"`` they do not, either.
 
     Among several processes, files come in the order of how long they take, roughly.
     """
@@ -95,7 +95,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=nightly)
         items[:] = [item for item in items if not item.get_closest_marker("nightly")]
     if "PYTEST_XDIST_WORKER" in os.environ:
-        slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+        slow = Counter(
+            item.path
+            for item in items
+            if item.get_closest_marker("slow") or item.get_closest_marker("nightly")
+        )
         place = {name: number for number, name in enumerate(LONG_TESTS)}
         last = len(LONG_TESTS)
         items.sort(key=lambda item: (place.get(item.path.name, last), -slow[item.path]))

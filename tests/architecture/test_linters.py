@@ -73,7 +73,7 @@ def pyright(folder: Path) -> dict:
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_pyright_is_clean_where_it_is_strict_and_bites_there(tmp_path: Path) -> None:
     """On a copy of ``harness/core``, once as it is and once with a planted hole."""
     ignore = shutil.ignore_patterns("__pycache__")

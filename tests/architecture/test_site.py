@@ -36,7 +36,7 @@ Install.
 Use.
 """
 needs_sphinx = [
-    pytest.mark.slow,
+    pytest.mark.nightly,
     pytest.mark.skipif(
         not all(map(find_spec, ("sphinx", "myst_parser", "furo"))),
         reason="the site's programs are not there: pip install -c constraints.txt -e '.[docs]'",

@@ -19,6 +19,8 @@ from methods.body.models.model import neutral
 from methods.body.photos.detection import COUNT, Detections
 from methods.body.photos.views import View, Views, frame_side_px
 
+pytestmark = pytest.mark.nightly
+
 # Measured on one busy core: 0.15 s an iteration of 8 views at 256 px; the bound leaves room for
 # noise, and 60 iterations within it end well before the 45 s that a subject may take.
 MOST_SECONDS_PER_ITERATION = 0.5

@@ -29,6 +29,8 @@ from methods.surface.completion import BodyCompletion
 from methods.surface.front_back import FrontBackParameters
 from methods.surface.fusion import FusionParameters, fused
 
+pytestmark = pytest.mark.nightly
+
 RESOLUTION = 256
 #: On a busy machine single measurements differ by half.
 SLACK = 1.5
@@ -108,7 +110,6 @@ def pictures(walk: Walk) -> None:
 STAGES = (normals, integration, completion, fusion, pictures)
 
 
-@pytest.mark.slow
 def test_no_stage_of_ours_takes_longer_than_poisson(benchmark, in_turns):
     """Measured in turns on two busy cores: the longest, completion, takes 0.66 of Poisson's."""
     walk = Walk()

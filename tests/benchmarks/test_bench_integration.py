@@ -10,6 +10,8 @@ import pytest
 from methods.surface import BodyDepth, integrate_front_back, integrate_normals
 from tests.plain_integration import plain_integration
 
+pytestmark = pytest.mark.nightly
+
 # On one thread the plain way takes three to five times as long; the bound leaves room for noise.
 LEAST_SPEEDUP = 2.0
 

@@ -23,6 +23,8 @@ from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.pipeline.run.elsewhere import score_pair
 
+pytestmark = pytest.mark.nightly
+
 MEXECON = MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
 LEAST_SPEEDUP = 2.5
 
@@ -111,7 +113,6 @@ def our_way(predicted: Path, truth: Path) -> dict[str, float]:
     return {name: metric.value for name, metric in result.metrics.items()}
 
 
-@pytest.mark.slow
 def test_scoring_half_a_million_faces_is_faster_than_the_plain_way(benchmark, in_turns, pair):
     """At least 2.5 times as fast.
 
@@ -146,7 +147,6 @@ print(json.dumps({
 """
 
 
-@pytest.mark.slow
 def test_a_million_exact_points_take_under_ten_seconds_and_two_gibibytes(benchmark, pair):
     """In a process of its own, held to two cores, import of Open3D included."""
     cores = sorted(os.sched_getaffinity(0))[:2]

@@ -146,14 +146,19 @@ def small(name: str, extra: dict[str, str] | None = None):
     return ChosenMethod.of(name, settings).method
 
 
-def in_turn() -> list[str]:
+#: One method of each family is tried with every change, the others each night.
+OF_EACH_FAMILY = ("hull8", "mexecon2", "mexecon+", "stereo8")
+
+
+def in_turn() -> list[object]:
     """The methods, those that fit the same bodies one after the other: few answers are kept."""
     last = ("mexecon+", "mexecon+two-sheets", "jmbo8+", "stereo8", "stereo8-psr")
     names = [name for name in METHODS if name not in ("gt", "oracle8-points")]
-    return sorted(names, key=lambda name: (name in last, name not in ("econ", "body-front")))
+    names.sort(key=lambda name: (name in last, name not in ("econ", "body-front")))
+    often, rarely = pytest.mark.slow, pytest.mark.nightly
+    return [pytest.param(name, marks=often if name in OF_EACH_FAMILY else rarely) for name in names]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", in_turn())
 def test_results_move_with_the_cameras(name, capture, figure, tmp_path):
     try:
@@ -167,7 +172,7 @@ def test_results_move_with_the_cameras(name, capture, figure, tmp_path):
     assert worlds.off_mm(moved_and_turned()) == pytest.approx(here, abs=MOST_MM)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_method_that_is_given_the_centre_does_not(capture, figure, tmp_path):
     given = small("body-front", {"body.depth": "subject-centre"})
     assert Privilege.SUBJECT_CENTRE in given.info.privileges

@@ -17,7 +17,7 @@ from renderers.proof import prove, require_proof
 
 SLOW = {"blender"}
 EVERY_RENDERER = [
-    pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in RENDERERS
+    pytest.param(name, marks=[pytest.mark.nightly] if name in SLOW else []) for name in RENDERERS
 ]
 RECIPE = RenderRecipe("tiny", RingRig(views=2, pitch_deg=10.0), 216, 384, minimum_mask_iou=0.99)
 

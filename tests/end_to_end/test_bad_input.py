@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 EVAL = ("eval", "--dataset", "toy", "--recipe", "tiny")
 DEFECTS = {

@@ -55,7 +55,7 @@ def codes(world: Path) -> list[int]:
     return [run(world, name) for name in ("What changes", "Score the meshes again", "The comment")]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_right_submission_gets_its_table(board: Path) -> None:
     assert codes(board) == [0, 0, 0]
 
@@ -66,7 +66,7 @@ def test_a_right_submission_gets_its_table(board: Path) -> None:
     assert (board / "summary.md").read_text() == comment
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_lost_subject_and_a_changed_number_fail_and_are_said(board: Path) -> None:
     folder = board / "submission" / "results" / "gt" / "2"
     (folder / "t3.json").unlink()

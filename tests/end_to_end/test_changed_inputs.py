@@ -23,7 +23,7 @@ from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.store import RunStore
 from methods.hull import VisualHull
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 CELL_WORKER = "harness.pipeline.run.cell_worker"
 

@@ -22,7 +22,7 @@ from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.chosen_method import ChosenMethod
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "voxel_carving"
 

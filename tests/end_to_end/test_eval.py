@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.slow
-
 
 def records(world: Path, run: str = "main") -> dict[str, dict]:
     """Records by method/subject."""
@@ -16,6 +14,7 @@ def records(world: Path, run: str = "main") -> dict[str, dict]:
     return {f"{p.parent.parent.name}/{p.parent.name}": json.loads(p.read_text()) for p in found}
 
 
+@pytest.mark.slow
 def test_from_scans_to_tables(world, harness, eval_toy):
     run = eval_toy("coarse,gt", "--jobs", "2")
     assert run.returncode == 0, run.stderr
@@ -58,6 +57,7 @@ def test_from_scans_to_tables(world, harness, eval_toy):
     assert (world / "figure.png").stat().st_size > 10_000
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_one_method_with_two_settings_fills_two_rows(world, eval_toy, harness):
     subject = ("--subjects", "t1")
@@ -71,6 +71,7 @@ def test_one_method_with_two_settings_fills_two_rows(world, eval_toy, harness):
     assert "coarser" in json.dumps(table)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_a_second_run_does_nothing_and_a_change_says_why(world, eval_toy):
     first = eval_toy("gt", "--subjects", "t1")
@@ -87,6 +88,7 @@ def test_a_second_run_does_nothing_and_a_change_says_why(world, eval_toy):
     assert "photos stale: changed: recipe width 108 -> 100" in eval_toy("gt", "--dry-run").stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harness):
     texture = world / "scans/model/t2/material0.jpeg"
@@ -110,6 +112,7 @@ def test_a_failed_subject_is_a_record_and_the_run_goes_on(world, eval_toy, harne
     assert "(2 cached)" in again.stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_settings_are_part_of_the_key(world, eval_toy):
     assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.02").returncode == 0
@@ -122,6 +125,7 @@ def test_settings_are_part_of_the_key(world, eval_toy):
     assert "Did you mean 'hull.voxel_m'?" in wrong.stderr
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("measured")
 def test_meshes_made_elsewhere(world, harness, eval_toy):
     assert eval_toy("gt", "--subjects", "t1,t2").returncode == 0

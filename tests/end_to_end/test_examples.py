@@ -46,7 +46,7 @@ def test_the_examples_are_those_tested_here() -> None:
     assert numbered == sorted(set(tested))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_spheres_score_the_distance_between_them() -> None:
     exact, published = run_example("01_score_two_meshes.py").split("Protocol mexecon:")
 
@@ -58,7 +58,7 @@ def test_two_spheres_score_the_distance_between_them() -> None:
     assert number_after(published, "P2S Acc.") == pytest.approx(10.0, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_method_of_ones_own_gets_a_row() -> None:
     printed = run_example("02_add_a_method.py")
 
@@ -74,7 +74,7 @@ def test_a_method_of_ones_own_gets_a_row() -> None:
     assert rows["Visual hull, 8 views"][0] < rows["Ellipse stack, 2 views"][0] < 40
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_method_in_its_own_environment_gets_a_row() -> None:
     printed = run_example("05_method_in_its_own_environment.py")
 
@@ -110,7 +110,7 @@ def test_cameras_of_ones_own_file_are_listed(kind: str, tmp_path: Path) -> None:
     assert printed[2].endswith("position (+2.50, +0.00, +0.00), yaw  90.0°")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_as_a_frame_shows_the_missing_subject() -> None:
     printed = run_example("04_read_a_run_as_a_frame.py")
 

@@ -17,8 +17,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-pytestmark = pytest.mark.slow
-
 COMMAND = [sys.executable, "-m", "harness.cli.main", "eval", "--dataset", "toy", "--recipe", "tiny",
            "--method", "coarse", "--jobs", "2", "--subjects", "t1,t2"]  # fmt: skip
 CELLS = 2
@@ -74,6 +72,21 @@ def half_written(world: Path) -> list[Path]:
     return [path for path in world.rglob("*.part*") if path.name.startswith(".")]
 
 
+@pytest.mark.slow
+def test_a_killed_run_is_continued_by_the_same_command(world, calm):
+    run = subprocess.Popen(COMMAND, cwd=world, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    while not any(world.rglob("capture.json")):
+        assert run.poll() is None
+        time.sleep(0.02)
+    run.kill()
+    run.wait()
+    assert len(timeless(world)) < CELLS
+    subprocess.run(COMMAND, cwd=world, check=True, capture_output=True, timeout=300)
+    assert timeless(world) == calm.records
+    assert not half_written(world)
+
+
+@pytest.mark.nightly
 def test_killed_at_ten_random_moments(world, calm):
     dice = random.Random(7)
     for _ in range(KILLS):
@@ -88,6 +101,7 @@ def test_killed_at_ten_random_moments(world, calm):
     assert not half_written(world)
 
 
+@pytest.mark.nightly
 def test_two_runs_at_once(world, calm):
     runs = [
         subprocess.Popen(
@@ -120,6 +134,7 @@ def interrupted(world: Path, number: signal.Signals, seconds: float) -> tuple[in
     return shell_code(run.returncode), errors
 
 
+@pytest.mark.nightly
 def test_ctrl_c_at_ten_moments(tmp_path, make_world, calm):
     codes, unfinished = [], 0
     for number, row in enumerate(ROWS):
@@ -156,6 +171,7 @@ def made(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.nightly
 def test_sigterm_says_143(world, calm):
     (world / "runs").mkdir()
     code, errors = 143, ""

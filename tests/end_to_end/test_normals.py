@@ -53,7 +53,7 @@ def plugin(tmp_path_factory, monkeypatch):
 
 
 @pytest.mark.usefixtures("photographed")
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("plugin")
 def test_from_maps_to_a_table_and_a_figure(world, eval_toy, harness):
     folder = world / "scans" / "model" / "t1"
@@ -82,7 +82,7 @@ def test_from_maps_to_a_table_and_a_figure(world, eval_toy, harness):
 
 
 @pytest.mark.usefixtures("measured")
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_without_maps_the_table_and_the_figure_say_so(eval_toy, harness):
     assert eval_toy("gt", "--subjects", "t1").returncode == 0
     table, figure = (

@@ -33,7 +33,7 @@ def test_everything_that_it_names_is_there() -> None:
     assert [name for name in names if not (PAGE / unquote(name)).is_file()] == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install it, or set HARNESS_CHROMIUM")
 def test_it_opens_and_draws_without_a_network(tmp_path: Path) -> None:
     assert CHROMIUM

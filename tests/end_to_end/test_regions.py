@@ -14,7 +14,7 @@ PARTS = ("head", "torso", "arms", "arms", "legs", "legs")
 
 
 @pytest.mark.usefixtures("photographed")
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_from_labels_to_a_table_and_a_figure(world, eval_toy, harness):
     folder = world / "scans" / "model" / "t1"
     count = len(load_mesh(folder / "t1.obj").faces)
@@ -38,7 +38,7 @@ def test_from_labels_to_a_table_and_a_figure(world, eval_toy, harness):
 
 
 @pytest.mark.usefixtures("measured")
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_without_labels_the_table_and_the_figure_say_so(eval_toy, harness):
     assert eval_toy("gt", "--subjects", "t1").returncode == 0
     table, figure = (

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 UNITS_PER_METRE, SHIFT, YAW_DEG = 0.47, np.array([0.1, -0.4, 0.2]), 35.0
 MANIFEST = """\

@@ -24,7 +24,7 @@ from tests.unit.methods.feedforward.conftest import (
 )
 from tests.unit.methods.feedforward.test_vggt import encoded
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 SIDE = 196
 

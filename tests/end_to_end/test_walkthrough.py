@@ -63,7 +63,7 @@ def test_every_module_names_its_neighbours():
             assert f"After: ``{order[index + 1]}``" in text, name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_subject_to_one_latex_cell(world):
     run = subprocess.run(
         [sys.executable, "-c", PROGRAM], cwd=world, capture_output=True, text=True, check=True

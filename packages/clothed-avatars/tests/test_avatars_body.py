@@ -12,7 +12,7 @@ from clothed_avatars.people.body import AvatarBody, carry
 from clothed_avatars.people.deformation import deformed_body
 from clothed_avatars.recipe import recipe_for
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 TURNS = {"upperarm01.L": np.array([0.1, 0.2, 0.3]), "spine03": np.array([0.05, 0.1, 0.0])}
 

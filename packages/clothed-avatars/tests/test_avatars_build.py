@@ -21,7 +21,7 @@ from clothed_avatars.writer import write_avatar
 from harness.core.errors import DataError
 from harness.core.formats.mesh_files import load_mesh
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 NAME = "a01"
 #: Shorts and a shirt: of all stored drapes, the one of two garments that is solved soonest.

@@ -28,7 +28,7 @@ from clothed_avatars.recipe import recipe_for, subject_ids
 from clothed_avatars.skin.hair import grow_hair
 from harness.core.errors import DataError, MethodError
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 FABRIC = Fabric((100, 100, 100))
 

@@ -107,7 +107,7 @@ def test_the_second_test_set_stays_what_it_is():
     assert digest(TESTED) == "0230ca4a4aacb12e"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_garment_that_collapsed_is_refused_and_named(monkeypatch):
     """A shirt that is thrown about by more than the size of its folds is no drape."""
     recipe = recipe_for("b01")
@@ -128,7 +128,7 @@ def test_a_garment_that_collapsed_is_refused_and_named(monkeypatch):
     assert f"{MOST_CROSSING:.1%}" in str(refused.value)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_creased_person_folds_as_real_clothes_do(tmp_path, monkeypatch):
     """Jersey over poplin: between smooth jersey, 7 degrees, and crumpled cotton, 18."""
     name = "v00004"

@@ -8,7 +8,7 @@ from clothed_avatars.people.deformation import deformed_body, free_share, skin_a
 from clothed_avatars.people.poses import joint_rotations
 from clothed_avatars.recipe import recipe_for
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 SUBJECTS = ("s01", "u00002")
 SKIN = slice(SKIN_VERTICES)

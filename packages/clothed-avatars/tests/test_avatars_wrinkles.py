@@ -194,7 +194,7 @@ def strength_of(shirt):
     return fold_strength(*true_normals(mesh), PIXEL_M).mean_deg
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_weaves_crease_in_their_order_and_keep_off_the_body(shirt):
     weaves = ("jersey", "poplin", "crumpled cotton")
     found = [creased_shirt(shirt, weave) for weave in weaves]
@@ -208,7 +208,7 @@ def test_weaves_crease_in_their_order_and_keep_off_the_body(shirt):
         assert len(each.open_loops()) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equal_seeds_give_equal_wrinkles_and_no_strength_gives_none(shirt, monkeypatch):
     # The third level takes two thirds of the time and does again what the second does.
     monkeypatch.setattr(garment, "_LEVELS", 2)

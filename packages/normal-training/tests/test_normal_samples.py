@@ -152,7 +152,7 @@ def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
     assert samples_key(source.locate("p1"), SETTINGS) != samples_key(source.locate("p1"), changed)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_from_subjects_to_a_network_in_four_sittings(source, tmp_path):
     from methods.normals.onnx_estimator import OnnxNormals
     from normal_training.learning.settings import NetworkPart
@@ -346,7 +346,7 @@ def test_a_pair_differs_in_its_prints_alone(source):
     np.testing.assert_array_equal(pair.printed, again.printed)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_networks_are_judged_side_by_side_and_once(source, people):
     path = named(OPEN_NETWORK).path
     # Folds need pixels of 8 mm or less.
@@ -365,7 +365,7 @@ def test_networks_are_judged_side_by_side_and_once(source, people):
     assert stored[0].stat().st_mtime_ns == before
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_network_is_judged_at_the_size_that_it_asks_for(source, tmp_path):
     from normal_training.learning.networks.detailed import Detailed
     from normal_training.learning.networks.export import export_network

@@ -83,7 +83,7 @@ def test_distances_agree_with_brute_force(seed):
     np.testing.assert_allclose(distances, slow_distances(queries, mesh), atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_thousand_closest_points_agree_with_float64_brute_force():
     mesh = random_soup(7, vertices=24, faces=20)
     queries = np.random.default_rng(8).normal(size=(2000, 3))

@@ -167,7 +167,7 @@ def measured(shapes, mexecon, tmp_path_factory):
 CASES = [(size, name) for size in ("coarse", "fine") for name in ("spheres", "boxes", "capsules")]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", CASES, ids="-".join)
 @pytest.mark.parametrize("metric", GEOMETRY)
 def test_every_metric_is_the_published_one_within_sampling_noise(measured, case, metric):
@@ -176,7 +176,7 @@ def test_every_metric_is_the_published_one_within_sampling_noise(measured, case,
     assert abs(found.value - expected) <= 4 * np.hypot(error, found.standard_error)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("rule", "name"),
     [("weights", "spheres"), ("weights", "boxes"), ("weights", "capsules"), ("seams", "spheres")],

@@ -69,7 +69,9 @@ def person(tmp_path_factory):
     return load_scan("toy", dataset, folder.parents[1], "0001")
 
 
-@pytest.fixture(scope="module", params=["raycast", pytest.param("blender", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=["raycast", pytest.param("blender", marks=pytest.mark.nightly)]
+)
 def photos(request, person, tmp_path_factory):
     recipe = replace(SMALL, renderer=request.param)
     return capture(*person, recipe, tmp_path_factory.mktemp("photos") / "published8")

@@ -102,7 +102,7 @@ def joint_error_mm(body, anny, person):
     return 1000 * np.linalg.norm(body.joints[main] - truth[main], axis=1).mean()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_person_is_found_in_every_view(capture, anny, person):
     found = detect(capture, range(8))
     assert found.found.all()
@@ -113,7 +113,7 @@ def test_a_person_is_found_in_every_view(capture, anny, person):
     assert np.median(np.linalg.norm(found.points_camera[0, [11, 12]], axis=1)) < 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("shared_fits")
 def test_the_joint_fit_is_better_than_the_average_and_that_than_one_view(
     capture, context, anny, person
@@ -130,7 +130,7 @@ def test_the_joint_fit_is_better_than_the_average_and_that_than_one_view(
     assert results[2].details["swapped_views"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 def test_equal_seeds_give_equal_bodies(capture, context, tmp_path):
     some = some_views(capture, (0, 2, 5), tmp_path)
@@ -139,7 +139,7 @@ def test_equal_seeds_give_equal_bodies(capture, context, tmp_path):
     np.testing.assert_allclose(first, again, atol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 @pytest.mark.parametrize("views", [(0,), (0, 4), (1, 2, 6)])
 def test_any_views_will_do(capture, context, views, tmp_path):
@@ -164,7 +164,7 @@ def noisy_cameras(cameras, rotation_deg, centre_m, seed):
     return tuple(noisy)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("shared_fits")
 def test_noisy_cameras_cost_millimetres_and_not_the_fit(capture, context, anny, person):
     brief = jmbo8_plus.configured({"body.iterations": "15"})
@@ -177,7 +177,7 @@ def test_noisy_cameras_cost_millimetres_and_not_the_fit(capture, context, anny, 
     assert worse < clean + 12
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 def test_a_view_without_a_person_is_left_out_and_said_so(capture, context, tmp_path):
     some = some_views(capture, (0, 2, 4), tmp_path)
@@ -187,7 +187,7 @@ def test_a_view_without_a_person_is_left_out_and_said_so(capture, context, tmp_p
     assert result.details["views_left_out"] == {"1": "no person was detected"}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_person_at_all_is_an_error(capture, context, tmp_path):
     some = some_views(capture, (0, 1), tmp_path)
     blank(some, [0, 1])
@@ -196,7 +196,7 @@ def test_no_person_at_all_is_an_error(capture, context, tmp_path):
         jmbo8_plus.reconstruct(some, context)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
     """The body's own normals stand in for a network's: the answer is known at every pixel."""
     views = load_views(capture, (0, 3), 256)
@@ -212,7 +212,7 @@ def test_estimated_normals_lie_on_the_pixels_of_the_fit(capture, figure):
         np.testing.assert_allclose(np.linalg.norm(normals[both], axis=1), 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("shared_fits")
 def test_the_papers_form_compares_normals_and_names_the_network(capture, context):
     result = jmbo8.configured({"body.iterations": "2"}).reconstruct(capture, context)
@@ -222,7 +222,7 @@ def test_the_papers_form_compares_normals_and_names_the_network(capture, context
     assert "normal estimator" in [part.role for part in jmbo8.info.parts]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("shared_fits")
 def test_normals_estimated_anew_change_the_fit(capture, context):
     once, anew = (
@@ -235,7 +235,7 @@ def test_normals_estimated_anew_change_the_fit(capture, context):
     assert once[1] != anew[1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 def test_one_view_opens_no_other_photo(capture, context, tmp_path):
     """The side photos are broken, and nobody looks."""
@@ -246,7 +246,7 @@ def test_one_view_opens_no_other_photo(capture, context, tmp_path):
     assert result.details["views_used"] == [0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("shared_fits")
 def test_a_given_centre_holds_one_views_body_there(capture, context, figure):
     given = body_front.configured({"body.depth": "subject-centre"})
@@ -295,7 +295,7 @@ def test_a_licensed_file_is_recorded_by_content_and_not_by_path(tmp_path):
     assert "body.model" not in [deviation.what for deviation in fit.info.deviations]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 def test_a_fit_is_shared_by_methods_that_ask_for_the_same(capture, context, tmp_path, monkeypatch):
     meters = [StageMeter() for _ in range(2)]
@@ -325,7 +325,7 @@ def test_a_fit_is_shared_by_methods_that_ask_for_the_same(capture, context, tmp_
             fit(capture, replace(context, share=share))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_photos_are_read_once_for_all_that_share_them(capture, tmp_path, monkeypatch):
     share = SharedResults(tmp_path / "shared", StageMeter(), lambda: True)
     first = detect(capture, (0, 4), share)

@@ -47,7 +47,7 @@ def from_landmarks(anny, views):
     return fit_jointly(sparse, views.views, views.detections, start)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_view_gives_the_pose_at_the_rigs_centre(anny, person, make_views):
     views = make_views(make_views.ring(8)[:1])
     found = fit_each_view(anny.sparse(), views.views, views.detections)
@@ -59,7 +59,7 @@ def test_one_view_gives_the_pose_at_the_rigs_centre(anny, person, make_views):
     assert abs(found["translation"][0, 2]) < 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_view_of_a_reaching_body_centres_its_box_and_not_its_root(anny, make_views):
     """The world's frame says where the box is: known is the answer for whatever pose and view."""
     parameters = neutral(anny)
@@ -84,7 +84,7 @@ def test_one_view_of_a_reaching_body_centres_its_box_and_not_its_root(anny, make
         assert abs((found["translation"][view] - root) @ forward) < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_detectors_metres_do_not_say_how_far_away_one_views_body_is(anny, make_views):
     """They are a mean person's, whoever is seen: shorter limbs in space are no nearer body."""
     seen = make_views(make_views.ring(8)[:1])
@@ -101,7 +101,7 @@ def test_a_detectors_metres_do_not_say_how_far_away_one_views_body_is(anny, make
     assert depths_m[0] == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_joint_optimisation_of_one_view_does_not_walk_away(anny, person, make_views):
     """Its mask and landmarks fit at many distances; a start that is off by 20 cm must come back."""
     camera = make_views.ring(8)[1]
@@ -115,7 +115,7 @@ def test_joint_optimisation_of_one_view_does_not_walk_away(anny, person, make_vi
     assert min(fit.costs) < fit.costs[0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 def test_depth_in_space_counts_where_front_and_back_view_leave_it_open(anny, person, make_views):
     """From pictures that are 3 pixels off, the pictures alone tell this body to 46 mm."""
@@ -128,7 +128,7 @@ def test_depth_in_space_counts_where_front_and_back_view_leave_it_open(anny, per
     assert joints < 25
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 @pytest.mark.parametrize("rig", ["ring3", "uneven", "pitched"])
 def test_landmarks_of_several_views_give_the_body(anny, person, make_views, rig):
@@ -142,14 +142,14 @@ def test_landmarks_of_several_views_give_the_body(anny, person, make_views, rig)
     assert vertices < 30
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_landmarks_of_eight_views_give_the_body(anny, person, ring8):
     joints, vertices = errors_mm(anny, ring8[1], person)
     assert joints < 25
     assert vertices < 30
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("quick_landmarks")
 @pytest.mark.parametrize("swapped", [(4,), (3, 4, 5)])
 def test_swapped_views_are_found_and_do_no_harm(anny, ring8, swapped):
@@ -167,7 +167,7 @@ def test_swapped_views_are_found_and_do_no_harm(anny, ring8, swapped):
     assert apart.norm(dim=-1).mean().item() < 0.003
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_joint_fit_finds_the_unclothed_body(anny, person, make_views, ring8):
     """A sign, a camera or a pixel that is wrong shows here, where no cloth hides it."""
     views = make_views(make_views.ring(4), normals=True)
@@ -180,7 +180,7 @@ def test_joint_fit_finds_the_unclothed_body(anny, person, make_views, ring8):
     assert min(fit.costs) < 0.8 * fit.costs[0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equal_seeds_give_equal_bodies_and_batches_see_every_view(anny, person, make_views):
     views = make_views(make_views.ring(4))
     parameters, _, _ = person

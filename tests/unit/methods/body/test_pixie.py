@@ -75,7 +75,7 @@ def test_names_and_shapes_are_those_of_the_checkpoint(reference):
         assert all(key.endswith(convert._IGNORED) for key in set(wanted) - set(found))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_golden_vectors(made, picture, raw):
     assert off(answered(made, picture), raw) < RAW
 
@@ -119,14 +119,14 @@ def not_normalised(made: PixieBody, monkeypatch) -> None:
     monkeypatch.setattr(network, "_DEVIATION", (1.0, 1.0, 1.0))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("change", [upsampled, loosened, reordered, cut, exchanged, not_normalised])
 def test_each_mistake_of_the_network_is_seen(made, picture, raw, monkeypatch, change):
     change(made, monkeypatch)
     assert off(answered(made, picture), raw) > 50 * RAW
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mistake", ["BGR", "moved by a pixel", "normalised twice"])
 def test_each_mistake_of_the_picture_is_seen(made, picture, raw, mistake):
     if mistake == "BGR":
@@ -140,7 +140,7 @@ def test_each_mistake_of_the_picture_is_seen(made, picture, raw, mistake):
     assert off(answered(made, picture), raw) > 50 * RAW
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_imported_part_meets_the_golden_vectors(numbers, tmp_path, parts, golden, raw, picture):
     sections: dict[str, dict[str, torch.Tensor]] = {"Encoder_head": {"x": torch.ones(2)}}
     for key, array in numbers.items():

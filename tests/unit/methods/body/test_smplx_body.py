@@ -109,7 +109,7 @@ def test_a_pickled_model_is_the_same(body, model_file, tmp_path, light_arrays):
     torch.testing.assert_close(SmplxBody(path)(neutral(body))[0], body(neutral(body))[0])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_the_body_does_not_need_is_never_rebuilt(body, tmp_path, light_arrays):
     """Real files hold tables of names as arrays of objects, older ones other packages' objects."""
     trap = tmp_path / "trap"

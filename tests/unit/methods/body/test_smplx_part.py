@@ -26,7 +26,7 @@ def files(tmp_path_factory, smplx_arrays) -> dict[str, object]:
     return {name: folder / f"{name}.npz" for name in found}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_fit_finds_what_was_imported(parts, files):
     assert model_path("") is None
     assert body_part("smplx").sha256 == ""

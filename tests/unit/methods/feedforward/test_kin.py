@@ -183,7 +183,7 @@ def told(capture, ball, tmp_path, monkeypatch):  # noqa: F811
     return make
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mode", ["native_posed", "sim3_cameras"])
 @pytest.mark.parametrize("name", KIN)
 def test_a_perfect_network_gives_the_sphere(
@@ -201,7 +201,7 @@ def test_a_perfect_network_gives_the_sphere(
     assert network.licence == package.licence == "Apache-2.0"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cameras_that_the_network_did_not_keep_are_refused(
     parts_folder,
     python,

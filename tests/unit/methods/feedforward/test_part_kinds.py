@@ -34,7 +34,7 @@ def test_what_is_missing_is_listed_with_its_licence_and_command(name, parts_fold
         assert f"missing  {VGGT.command}" in text
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_weights_are_imported_verified_and_damage_is_found(parts_folder, weights, foreign_python):
     done = run("import", "vggt", weights, "--python", foreign_python)
     assert done.exit_code == 0, done.output

@@ -123,7 +123,7 @@ def test_without_the_package_the_next_command_is_said(parts_folder, weights):
     assert not VGGT.folder.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mode", ["sim3_cameras", "known_cameras", "oracle_icp"])
 def test_a_perfect_network_gives_the_sphere(
     mode, parts_folder, weights, foreign_python, answers, capture, context, ball  # noqa: F811
@@ -145,7 +145,7 @@ def test_a_perfect_network_gives_the_sphere(
     assert mode in method.info.title
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_views_and_bfloat16(
     parts_folder, weights, foreign_python, answers, capture, context, ball  # noqa: F811
 ):  # fmt: skip
@@ -157,7 +157,7 @@ def test_two_views_and_bfloat16(
     assert result.details["alignment"]["angle_rms_deg"] < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_runs_in_the_harness_own_environment_too(
     parts_folder, weights, fake_package, answers, capture, context, ball, monkeypatch  # noqa: F811
 ):  # fmt: skip
@@ -198,7 +198,7 @@ def small(parts_folder, weights, foreign_python, tmp_path, monkeypatch):
     return images, said, VGGT.add(weights, foreign_python).weights
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_small_network_comes_through_bit_for_bit(small, foreign_python):
     images, said, weights = small
     answer = ask(images, weights, foreign_python)
@@ -208,7 +208,7 @@ def test_the_small_network_comes_through_bit_for_bit(small, foreign_python):
 
 
 @needs_golden
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_small_network_gives_the_points_of_the_networks_own_code(small, foreign_python):
     images, _, weights = small
     stored = golden("golden_vggt_tiny.npz")
@@ -261,7 +261,7 @@ MISTAKES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_other_pictures_are_noticed(mistake, small, foreign_python, warm):
     images, _, weights = small
@@ -278,7 +278,7 @@ FORKS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("fork", FORKS)
 def test_forks_that_mean_something_else_are_refused(
     fork, small, foreign_python, warm, tmp_path, monkeypatch
@@ -293,7 +293,7 @@ def test_forks_that_mean_something_else_are_refused(
         ask(images, weights, foreign_python)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_machine_without_the_memory_is_told_before_anything_is_loaded(
     parts_folder, weights, foreign_python, monkeypatch
 ):
@@ -313,7 +313,7 @@ def test_the_estimate_of_memory_grows_with_views_and_pixels():
     assert memory.available_bytes() > 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_files_that_changed_are_refused(parts_folder, weights, foreign_python):
     imported(weights, foreign_python)
     with pytest.raises(HarnessError, match="imported already.*--replace"):

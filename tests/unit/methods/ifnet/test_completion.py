@@ -79,7 +79,7 @@ def scene(ball: Mesh) -> tuple[tuple[Mesh, Mesh], Mesh]:
 FRONT = RingRig().cameras(270, 480)[0]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_networks_own_shape_is_put_where_the_person_is(crafted, ball):
     crafted(functools.partial(octahedron, middle=(0.2, 0.1, -0.1), size=0.5))
     sheets, body = scene(ball)
@@ -96,7 +96,7 @@ def test_the_networks_own_shape_is_put_where_the_person_is(crafted, ball):
     assert mesh.signed_volume == pytest.approx(4 / 3 * (0.5 * unit_m) ** 3, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_body_comes_back_from_its_voxels_also_from_the_side(crafted, ball):
     crafted(body_itself)
     sheets, body = scene(ball)

@@ -1,14 +1,14 @@
-"""Fifty files that are no whole checkpoint: each is refused in one sentence, nothing is written."""
+"""Files that are not the part that they should be: refused in one sentence, nothing is written.
+
+Damaged containers are refused by the readers of ``harness.core.array_files``, and tested there.
+"""
 
 from __future__ import annotations
 
-import gzip
 import io
 import json
 import os
-import pickle
 import sys
-import tarfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -58,109 +58,12 @@ def replaced(value: Callable[[torch.Tensor], object], name: str = FIRST):
     return tensors(lambda numbers: numbers.update({name: value(numbers[name])}))
 
 
-def cut(share: float) -> Callable[[Numbers, bytes], bytes]:
-    return lambda numbers, sound: sound[: int(share * len(sound))]
-
-
-def flipped(find: Callable[[bytes], int]) -> Callable[[Numbers, bytes], bytes]:
-    def make(numbers: Numbers, sound: bytes) -> bytes:
-        place, content = find(sound), bytearray(sound)
-        content[place] ^= 0x5A
-        return bytes(content)
-
-    return make
-
-
-def zipped(
-    change: Callable[[dict[str, bytes]], None], how: int = zipfile.ZIP_STORED
-) -> Callable[[Numbers, bytes], bytes]:
-    """The same archive with other members."""
-
-    def make(numbers: Numbers, sound: bytes) -> bytes:
-        with zipfile.ZipFile(io.BytesIO(sound)) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        change(members)
-        stream = io.BytesIO()
-        with zipfile.ZipFile(stream, "w", how) as archive:
-            for name, content in members.items():
-                archive.writestr(name, content)
-        return stream.getvalue()
-
-    return make
-
-
-def member(members: dict[str, bytes], end: str) -> str:
-    return next(name for name in members if name.endswith(end))
-
-
-def tar(numbers: Numbers, sound: bytes) -> bytes:
-    stream = io.BytesIO()
-    with tarfile.open(fileobj=stream, mode="w") as archive:
-        archive.addfile(tarfile.TarInfo("ifnet.ckpt"))
-    return stream.getvalue()
-
-
-def npz(numbers: Numbers, sound: bytes) -> bytes:
-    stream = io.BytesIO()
-    np.savez(stream, **{FIRST: numbers[FIRST].numpy()})
-    return stream.getvalue()
-
-
-def scripted(numbers: Numbers, sound: bytes) -> bytes:
-    stream = io.BytesIO()
-    torch.jit.save(torch.jit.trace(torch.nn.Linear(2, 2), torch.ones(1, 2)), stream)
-    return stream.getvalue()
-
-
 def constant(content: bytes) -> Callable[[Numbers, bytes], bytes]:
     return lambda numbers, sound: content
 
 
 DAMAGED: dict[str, Callable[[Numbers, bytes], bytes]] = {
-    "empty": constant(b""),
     "a web page": constant(b"<!DOCTYPE html><html><body>Log in</body></html>"),
-    "a web page after empty lines": constant(b"\r\n\r\n  <html>"),
-    "XML of an error": constant(b"<?xml version='1.0'?><Error>AccessDenied</Error>"),
-    "text": constant(b"404: Not Found\n"),
-    "JSON": constant(b'{"message": "Not Found"}'),
-    "a pointer of Git LFS": constant(b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n"),
-    "zeros": constant(bytes(4096)),
-    "one byte": constant(b"P"),
-    "a tar archive": tar,
-    "gzip": lambda numbers, sound: gzip.compress(sound, 1),
-    "7z": constant(b"7z\xbc\xaf\x27\x1c" + bytes(99)),
-    "rar": constant(b"Rar!\x1a\x07\x01\x00" + bytes(99)),
-    "a picture": constant(b"\x89PNG\r\n\x1a\n" + bytes(99)),
-    "a plain pickle": constant(pickle.dumps({"state_dict": {}})),
-    "a pickle with a trap": constant(pickle.dumps(Trap())),
-    "the old container": lambda numbers, sound: saved(
-        {"state_dict": numbers}, _use_new_zipfile_serialization=False
-    ),
-    "safetensors": constant((8).to_bytes(8, "little") + b"{}      "),
-    "an NPZ": npz,
-    "an archive of files": zipped(
-        lambda members: (members.clear(), members.update({"ckpt/ifnet.ckpt": b"x"}))
-    ),
-    "TorchScript": scripted,
-    **{f"cut at {share:.4f}": cut(share) for share in (1e-4, 0.01, 0.5, 0.9, 0.99, 0.9999)},
-    "without its last byte": lambda numbers, sound: sound[:-1],
-    "with bytes at its end": lambda numbers, sound: sound + bytes(7),
-    "without its beginning": lambda numbers, sound: sound[100:],
-    "a changed byte in the list": flipped(lambda sound: sound.index(b"_rebuild_tensor_v2") + 3),
-    "a changed byte in a tensor": flipped(lambda sound: len(sound) // 2),
-    "a changed byte in the contents": flipped(lambda sound: sound.rindex(b"data.pkl")),
-    "a compressed archive": zipped(lambda members: None, zipfile.ZIP_DEFLATED),
-    "without a list": zipped(lambda members: members.pop(member(members, "data.pkl")) and None),
-    "without a tensor's memory": zipped(
-        lambda members: members.pop(member(members, "/data/0")) and None
-    ),
-    "a tensor's memory cut": zipped(
-        lambda members: members.update({(n := member(members, "/data/0")): members[n][:-4]})
-    ),
-    "the other byte order": zipped(
-        lambda members: members.update({member(members, "byteorder"): b"big"})
-    ),
-    "an empty list": zipped(lambda members: members.update({member(members, "data.pkl"): b""})),
     "a list of tensors": tensors(lambda numbers: list(numbers.values())),
     "no dictionary": lambda numbers, sound: saved(numbers[FIRST]),
     "a trap": lambda numbers, sound: saved(Trap()),
@@ -241,14 +144,8 @@ def test_it_is_refused_in_one_sentence(imported, numbers, sound, tmp_path, parts
     assert not parts.exists()
 
 
-def test_there_are_fifty_and_they_differ(numbers, sound):
-    assert len(DAMAGED) >= 50
-    contents = {make(numbers, sound) for make in DAMAGED.values()}
-    assert len(contents) == len(DAMAGED)
-
-
 @pytest.mark.parametrize("kind", ["econ-normal", "ifnet", "pixie", "smplx", "normals-onnx"])
-@pytest.mark.parametrize("content", [None, b"", b"<html>", b"PK\x03\x04", b"text"])
+@pytest.mark.parametrize("content", [None, b"<html>"])
 def test_every_kind_refuses_wrong_downloads(imported, tmp_path, parts, kind, content):
     path = tmp_path / "SMPLX_MALE.npz"
     if content is not None:
@@ -316,8 +213,6 @@ MODELS: dict[str, Callable[[dict[str, bytes]], None]] = {
     "infinity": arrays(lmk_bary_coords=np.full((51, 3), np.inf)),
     "faces of nothing": arrays(lmk_faces_idx=np.full(51, 20908)),
     "half an index": arrays(lmk_faces_idx=np.full(51, 0.5)),
-    "an array cut": lambda members: members.update({"f.npy": members["f.npy"][:-9]}),
-    "no array's header": lambda members: members.update({"f.npy": b"x" * 99}),
 }
 
 
@@ -353,14 +248,6 @@ def test_a_damaged_model_is_refused(imported, model, tmp_path, parts, name):
     assert not parts.exists()
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.999])
-def test_a_model_that_is_cut_is_refused(imported, model, tmp_path, parts, share):
-    content = archived(model)
-    (tmp_path / "SMPLX_MALE.npz").write_bytes(content[: int(share * len(content))])
-    require_one_sentence(*imported("smplx", tmp_path / "SMPLX_MALE.npz"), str(share))
-    assert not parts.exists()
-
-
 @pytest.mark.parametrize("damage", ["cut", "other inputs", "no network"])
 def test_a_damaged_normal_network_is_refused(imported, tmp_path, parts, damage):
     onnx = pytest.importorskip("onnx")
@@ -376,7 +263,7 @@ def test_a_damaged_normal_network_is_refused(imported, tmp_path, parts, damage):
     assert not (tmp_path / "weights").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_undamaged_one_is_taken(imported, tmp_path, parts, sound):
     (tmp_path / "ifnet.ckpt").write_bytes(sound)
     assert imported("ifnet", tmp_path / "ifnet.ckpt") == (0, "")

@@ -53,7 +53,7 @@ def test_golden_vectors(filled_network, golden):
     assert off(filled_network, golden) < GOLDEN
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_mirrored_axis_is_seen(filled_network, golden, axis):
     points = golden["points"].clone()
@@ -61,7 +61,7 @@ def test_a_mirrored_axis_is_seen(filled_network, golden, axis):
     assert off(filled_network, golden, points) > 4 * GOLDEN
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("order", [(0, 2, 1), (1, 0, 2), (2, 1, 0), (1, 2, 0)])
 def test_exchanged_axes_are_seen(filled_network, golden, order):
     assert off(filled_network, golden, golden["points"][:, list(order)]) > 4 * GOLDEN
@@ -90,20 +90,20 @@ def padded_with_zeros(made: IfNet) -> None:
             layer.padding_mode = "zeros"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("change", [exchanged, mirrored, padded_with_zeros])
 def test_other_convolutions_are_seen(filled_network, golden, change):
     change(filled_network)
     assert off(filled_network, golden) > 2 * GOLDEN
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_exchanged_inputs_are_seen(filled_network, golden):
     swapped = {"depth_voxels": golden["body_voxels"], "body_voxels": golden["depth_voxels"]}
     assert off(filled_network, {**golden, **swapped}) > 2 * GOLDEN
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("place", "name", "value"),
     [
@@ -120,7 +120,7 @@ def test_another_layer_is_seen(filled_network, golden, monkeypatch, place, name,
     assert off(filled_network, golden) > 2 * GOLDEN
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_imported_part_meets_the_golden_vectors(fill, save_checkpoint, tmp_path, parts, golden):
     numbers = fill(shapes_of(bare(IfNet), convert.PREFIX), "wave")
     beside = {"netG.reconEngine.grid": np.ones(3, np.float32), "netD.x": np.ones(2, np.float32)}

@@ -63,7 +63,7 @@ def test_names_and_shapes_are_those_of_the_checkpoint(reference):
     assert found == {key: tuple(shape) for key, shape in keys.items()}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["netB", "netF"])
 def test_golden_vectors(network, golden, name):
     """In double precision: some processors' single precision is off by 7e-3."""
@@ -83,7 +83,7 @@ SHOWN = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("mistake", SHOWN)
 def test_each_mistake_of_the_input_is_seen(network, golden, mistake):
     sides = (golden[name] for name in ("image", "T_normal_F", "T_normal_B"))
@@ -91,7 +91,7 @@ def test_each_mistake_of_the_input_is_seen(network, golden, mistake):
     assert moved > 20 * GOLDEN
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "mistake",
     ["zero padding", "mirrored kernels", "a missing block", "no ReLU", "not normalised", "eps"],
@@ -119,7 +119,7 @@ def test_each_mistake_is_seen(network, golden, monkeypatch, mistake):
     assert moved > 20 * GOLDEN, mistake
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_imported_part_meets_the_golden_vectors(
     network, fill, save_checkpoint, tmp_path, golden
 ):

@@ -88,14 +88,14 @@ def test_a_sphere_is_found_from_its_outlines_and_normals(ball, ring, views_of):
     assert normal_error_deg(mesh, radial(mesh.vertices[mesh.faces].mean(axis=1))) < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equal_input_gives_equal_output(ball, half_ring, views_of):
     once, again = (fused(views_of(ball, half_ring(4)))[1] for _ in range(2))
     np.testing.assert_array_equal(once.vertices, again.vertices)
     np.testing.assert_array_equal(once.faces, again.faces)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_ellipsoid_is_found(shape, half_ring, views_of):
     radii = np.array([0.2, 0.3, 0.12])
     mesh = shape(lambda p: (1 - np.linalg.norm(p / radii, axis=1)) * radii.min(), 0.32, 0.006)
@@ -111,7 +111,7 @@ def test_an_ellipsoid_is_found(shape, half_ring, views_of):
     assert normal_error_deg(found, exact) < 1.5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_folds_that_no_outline_shows_appear(shape, ring, views_of):
     """Flutes of 2 cm around a post of 7 cm, 4 mm deep: slopes of 32 degrees.
 
@@ -143,7 +143,7 @@ def test_folds_that_no_outline_shows_appear(shape, ring, views_of):
     assert 0.4 < recovered(mesh) < 1.1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_hole_stays_a_hole(shape, ring, views_of):
     def torus(points):
         around = np.hypot(points[:, 0], points[:, 1]) - 0.16
@@ -178,7 +178,7 @@ def legs(shape) -> Mesh:
 GAP = Lattice(np.array([0.0, -0.15, 0.0]), 0.02, (1, 9, 1))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_body_keeps_limbs_apart_whose_gap_no_outline_shows(legs, half_ring, views_of):
     views = views_of(legs, half_ring())
     settings = FusionSettings(voxel_m=0.01, margin_m=0.01)
@@ -203,7 +203,7 @@ def test_limbs_that_the_hull_joins_are_told(legs, ball, half_ring, views_of):
     assert contradicted(ball)[1].contradicted < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("count", [3, 4, 5, 16])
 def test_any_number_of_views_will_do(count, ball, half_ring, views_of):
     views = views_of(ball, half_ring(count))
@@ -214,7 +214,7 @@ def test_any_number_of_views_will_do(count, ball, half_ring, views_of):
     assert off_sphere_mm(mesh).mean() < (3.0 if count == 3 else 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_64_views_will_do(ball, ring, views_of):
     views = views_of(ball, [camera.resized(180, 240) for camera in ring(64)])
     _, mesh = fused(views, FINER)
@@ -222,7 +222,7 @@ def test_64_views_will_do(ball, ring, views_of):
     assert off_sphere_mm(mesh).mean() < 0.4
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_views_may_be_uneven_pitched_and_of_different_sizes(ball, views_of):
     cameras = [
         RingRig(1, 1.2 + 0.1 * index, pitch, first_yaw_deg=yaw).cameras(120 + 20 * index, 240)[0]
@@ -234,7 +234,7 @@ def test_views_may_be_uneven_pitched_and_of_different_sizes(ball, views_of):
     assert off_sphere_mm(mesh).mean() < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_view_that_the_frame_cuts_does_not_carve(ball, half_ring, views_of):
     cameras = list(half_ring())
     left = cameras[2]
@@ -245,7 +245,7 @@ def test_a_view_that_the_frame_cuts_does_not_carve(ball, half_ring, views_of):
     assert off_sphere_mm(mesh).mean() < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_masks_may_be_two_pixels_off(ball, ring, views_of):
     from scipy.ndimage import binary_dilation, binary_erosion
 
@@ -276,7 +276,7 @@ def test_weights_tell_which_normals_to_leave(ball, half_ring, views_of):
     assert off_sphere_mm(mesh).mean() < 0.6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_outlines_alone_give_the_hull_smoothed(ball, half_ring, views_of):
     views = [view.with_targets(None) for view in views_of(ball, half_ring())]
     _, mesh = fused(views)

@@ -130,7 +130,7 @@ def test_outlines_alone(small_ball, ring, tmp_path):
     assert mesh.signed_volume == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_photos_find_what_outlines_leave(ball, ring, tmp_path):
     """The hull of six views stands off a sphere by up to 3 cm; its texture shows where it is."""
     settings = {"body": "off", "nview.normals": "off", "nview.rounds": "0", **SMALL}

@@ -49,7 +49,7 @@ def test_exact_cameras_are_left_as_they_are(sphere, textured):
     assert found.details()["corrected"] is False
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("pixels", "seed"), [(0.3, 1), (1.0, 2)])
 def test_known_shifts_are_found(sphere, textured, pixels, seed):
     true = drawn(pixels, seed)
@@ -65,7 +65,7 @@ def test_known_shifts_are_found(sphere, textured, pixels, seed):
     assert np.shape(said["shift_px"]) == (8, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_noise_is_not_taken_for_shifts(sphere):
     noisy = photographs(sphere, CAMERAS, grain, noise=6.0)
     found = camera_shifts(sphere, noisy, NARROW, SETTINGS)

@@ -48,7 +48,7 @@ def off_mm(mesh: Mesh) -> float:
     return 1e3 * float(np.abs(np.linalg.norm(front, axis=1) - RADIUS).mean())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_narrow_pleat_that_the_subject_has_not_is_filled_and_comes_out(sphere, dented):
     views, settings = photographs(sphere, FRONT, grain), near_settings()
     found = asked(dented, views)

@@ -28,7 +28,7 @@ from tests.unit.methods.stereo.test_stereo8 import (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("given_body")
 def test_points_become_a_closed_surface_also_at_the_hands(tmp_path, monkeypatch):
     caster, rng = Raycaster(egg()), np.random.default_rng(0)

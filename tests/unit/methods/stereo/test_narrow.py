@@ -24,7 +24,7 @@ def off_mm(mesh: Mesh) -> np.ndarray:
     return 1e3 * np.abs(np.linalg.norm(mesh.vertices[band], axis=1) - RADIUS)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("by_m", [0.003, -0.003])
 def test_a_few_millimetres_are_taken_back(sphere, textured, by_m):
     found = finished(scaled(sphere, by_m), textured, SETTINGS)
@@ -34,7 +34,7 @@ def test_a_few_millimetres_are_taken_back(sphere, textured, by_m):
     assert report.believed > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_plain_sphere_stays(sphere):
     start = scaled(sphere, 0.003)
     found = finished(start, photographs(sphere, CAMERAS, plain, 2.0), SETTINGS)
@@ -43,7 +43,7 @@ def test_a_plain_sphere_stays(sphere):
     assert report.vertices < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_without_neighbours_nothing_moves(sphere):
     views = photographs(sphere, (CAMERAS[0], CAMERAS[4]), grain)
     found = finished(sphere, views, SETTINGS)

@@ -57,7 +57,7 @@ def test_a_plane_is_found_two_centimetres_behind_the_start():
     assert np.degrees(np.arccos(np.clip(np.median(toward), -1, 1))) < 3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_points_lie_on_the_textured_sphere(textured, around):
     points = stereo_points(textured, around, SETTINGS)
     error_mm = off_sphere_mm(points)
@@ -73,7 +73,7 @@ def test_points_lie_on_the_textured_sphere(textured, around):
     assert set(points.view) == set(range(8))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("noise", [0.0, 3.0])
 def test_a_plain_sphere_gives_no_points(sphere, around, noise):
     cameras = tuple(CAMERAS[view] for view in (7, 0, 1))
@@ -81,7 +81,7 @@ def test_a_plain_sphere_gives_no_points(sphere, around, noise):
     assert len(points) < 20
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_stripes_along_the_line_between_the_cameras_tell_no_depth(sphere, around):
     cameras = tuple(CAMERAS[view] for view in (7, 0, 1))
     views = photographs(sphere, cameras, stripes((0, 1, 0), 0.02))
@@ -89,7 +89,7 @@ def test_stripes_along_the_line_between_the_cameras_tell_no_depth(sphere, around
     assert len(points) < 300 or np.quantile(off_sphere_mm(points), 0.9) < 3.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("wave_m", [0.016, 0.03])
 def test_upright_stripes_are_not_locked_to_a_wrong_period(sphere, around, wave_m):
     cameras = tuple(CAMERAS[view] for view in (7, 0, 1))
@@ -98,7 +98,7 @@ def test_upright_stripes_are_not_locked_to_a_wrong_period(sphere, around, wave_m
     assert (off_sphere_mm(points) < 3.0).mean() > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_noise_and_wrong_cameras_leave_fewer_points(textured, sphere, around):
     cameras = tuple(CAMERAS[view] for view in (0, 1))
     exact = [textured[view] for view in (0, 1)]

@@ -31,7 +31,7 @@ def pulled_near(views: Sequence[StereoView], start: Mesh) -> Mesh:
 
 # 0.35 px along each axis of these photos is a re-projection error of 1 px in those of ``paper8``.
 # Three times as much moves the surface by 4 mm here, and all views agree on it.
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("noise", "error_px"), [(20.0, 0.0), (0.0, 0.35), (60.0, 2.0)])
 def test_a_start_of_three_millimetres_is_not_made_worse(sphere, noise, error_px):
     cameras = tuple(CAMERAS[view] for view in (6, 7, 0, 1, 2))

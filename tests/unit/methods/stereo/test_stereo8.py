@@ -52,7 +52,7 @@ def given_body(monkeypatch):
     return thin
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_surface_is_pulled_to_what_the_photos_show(given_body, tmp_path):
     caster, rng = Raycaster(egg()), np.random.default_rng(0)
     for view, camera in enumerate(CAMERAS):

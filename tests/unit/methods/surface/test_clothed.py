@@ -113,7 +113,7 @@ def distances_mm(mesh: Mesh) -> np.ndarray:
     return 1000 * np.abs(level) / np.linalg.norm(2 * scaled / RADII, axis=1)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "method", [econ, mexecon2, mexecon8, mexecon_plus_two_sheets], ids=lambda m: m.info.name
 )
@@ -142,7 +142,7 @@ def test_true_normals_give_the_figure_in_its_place(method, small, capture, tmp_p
         assert len(load_mesh(tmp_path / f"{name}.ply").faces) > 1000
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("method", [mexecon8, mexecon_plus_two_sheets], ids=lambda m: m.info.name)
 def test_each_photo_is_decoded_once_by_all_that_look_at_it(
     method, small, capture, tmp_path, monkeypatch
@@ -167,7 +167,7 @@ def test_each_photo_is_decoded_once_by_all_that_look_at_it(
     assert decoded == [capture.image_path(view) for view in range(8)]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_back_of_mexecon_is_made_of_the_back_view(small, capture, tmp_path):
     method = small(mexecon2, "oracle")
     blind = context(tmp_path)
@@ -230,7 +230,7 @@ def test_settings_reach_the_fit_or_the_surface():
             econ.configured(wrong)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_envelope_cuts_what_no_photo_shows(small, capture, tmp_path, monkeypatch):
     whole = figure()
     balloon = Mesh(0.3 * (whole.vertices - CENTRE) + CENTRE + [0.35, 0.2, 0.0], whole.faces)
@@ -246,7 +246,7 @@ def test_an_envelope_cuts_what_no_photo_shows(small, capture, tmp_path, monkeypa
     assert np.abs(distances_mm(cut.mesh)).max() < 25
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_network_completes_the_sheets(small, capture, tmp_path, monkeypatch):
     """The network's answer is the figure, in the place and frame in which it is asked."""
     asked = []
@@ -297,7 +297,7 @@ def test_a_gpu_that_is_not_there_is_said_before_anything_runs():
     assert econ.info.parameters["surface"]["device"] == "cpu"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_only_hands_that_were_found_are_replaced(small, capture, tmp_path):
     method = small(econ, "oracle")
     method.reconstruct(capture, context(tmp_path))

@@ -144,7 +144,7 @@ def error_m(depth: Floats, view: Map) -> float:
     return float(np.abs(scale * depth - view.depth)[view.mask].mean())
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", MAPS)
 def test_as_good_as_the_published_iteration_where_surfaces_hide_each_other(name: str) -> None:
     view = MAPS[name]()

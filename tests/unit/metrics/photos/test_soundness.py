@@ -89,7 +89,7 @@ def test_a_dent_that_comes_out_on_the_other_side_crosses_it():
     assert found.self_intersecting_faces >= 6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_many_faces_take_a_few_seconds():
     mesh = ball(level=7)
     assert len(mesh.faces) > 150_000

@@ -302,7 +302,7 @@ def test_a_split_that_would_lose_its_subjects_keeps_the_manifest(place):
     assert not list(place.glob(".data_manifest.yaml.*.part*"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_scans_are_photographed_scored_and_their_captures_added(place):
     """From a folder of meshes to scores, and from its photos to a dataset of captures."""
     for name, height in (("a", 1.6), ("b", 1.8)):

@@ -122,7 +122,7 @@ def tab(tmp_path: Path) -> Iterator[Page]:
         yield page
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_leaderboard_sorts_and_explains_in_a_browser(board: Path, tab: Page) -> None:
     written(board)
     tab.open(board.parent / "page" / "index.html")

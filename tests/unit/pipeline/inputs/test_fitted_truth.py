@@ -69,7 +69,7 @@ def test_without_the_model_there_is_no_true_body(source):
     assert scan.truth_identity() == scan.identity()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_fits_body_is_the_true_one(source, model, posed):
     SMPLX.add(model, ImportOptions())
     located, (scan, mesh) = source.locate("0021"), source.load("0021")

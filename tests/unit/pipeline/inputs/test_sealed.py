@@ -201,7 +201,7 @@ def harness(place, *arguments):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -230,7 +230,7 @@ def test_every_verb_that_looks_ends_with_one_sentence_and_2(place, arguments):
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_dry_run_only_announces(place):
     done = harness(
         place, "eval", "--method", "hull8", "--dataset", SEALED, "--subjects", "s01", "--dry-run"

@@ -46,7 +46,7 @@ def one(path, folder, **more) -> OnePhotoRequest:
     return OnePhotoRequest(str(path), str(folder), "captures", "p", "imported", **more)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_one_photo_stands_where_the_assumptions_put_it(tmp_path):
     path = photo_of_a_box(tmp_path / "p.png")
     made = import_one_photo(one(path, tmp_path / "in", height_m=1.6))
@@ -70,7 +70,7 @@ def test_one_photo_stands_where_the_assumptions_put_it(tmp_path):
         import_one_photo(one(path, tmp_path / "in", height_m=172.0))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_photo_tells_its_own_field_of_view_and_which_way_it_is_turned(tmp_path):
     exif = Image.new("RGB", (2, 2)).getexif()
     exif.get_ifd(0x8769)[41989] = 36
@@ -98,7 +98,7 @@ def asked(what, workspace, output, *names) -> ReconstructRequest:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_capture_without_a_scan_is_reconstructed_and_written(tmp_path, workspace):
     native = photographed(tmp_path / "native")
     done = reconstruct(
@@ -167,7 +167,7 @@ def test_one_photo_does_not_replace_photos_with_cameras(tmp_path, workspace):
     assert len(imported_capture(workspace, "toy").cameras) == 8
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_result_of_earlier_photos_is_not_written_as_one_of_these(
     tmp_path, workspace, monkeypatch
 ):

@@ -311,7 +311,7 @@ def writer(cell: Path, start: int, count: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-c", program])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_kills_at_random_moments_and_two_processes_on_one_cell(tmp_path):
     dice = random.Random(11)
     seen: set[int] = set()

@@ -141,7 +141,7 @@ def test_a_large_photo_is_shown_as_small_as_it_is_printed_and_its_mesh_with_it(c
     np.testing.assert_allclose(centres[0], expected, atol=1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
 def test_the_grid_is_drawn(capture, tmp_path, suffix):
     mesh = ball(0.45)
@@ -157,7 +157,7 @@ def test_the_grid_is_drawn(capture, tmp_path, suffix):
         assert path.read_bytes() == first
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equal_meshes_look_equal_in_all_columns(capture, tmp_path):
     methods = (MethodMesh("one", ball()), MethodMesh("two", ball()))
     path = tmp_path / "grid.png"
@@ -185,7 +185,7 @@ def green(path):
     return (picture[..., 1] > picture[..., 0] + 60) & (picture[..., 1] > picture[..., 2] + 60)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_outline_shows_a_wrong_camera(capture, tmp_path):
     """A right outline hides the photo's edge; a shifted one leaves photo outside it."""
     path = tmp_path / "overlay.png"

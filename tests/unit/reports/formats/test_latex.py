@@ -132,7 +132,7 @@ def test_the_count_stands_where_a_row_is_incomplete_and_only_there():
     assert "n/N" not in to_latex(TABLES["complete"])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 def test_latex_accepts_all_tables(tmp_path):
     body = "\n".join(to_latex(table) for table in TABLES.values())

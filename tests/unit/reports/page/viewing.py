@@ -12,7 +12,7 @@ from tests.unit.reports.page.chromium import Page, find_chromium
 
 CHROMIUM = find_chromium()
 NEEDS_CHROMIUM = [
-    pytest.mark.slow,
+    pytest.mark.nightly,
     pytest.mark.skipif(
         CHROMIUM is None,
         reason="no Chromium: install it (apt-get install chromium) or set HARNESS_CHROMIUM",
