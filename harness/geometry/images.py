@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import warnings
@@ -116,15 +117,16 @@ def load_mask(path: Path, size: tuple[int, int] | None = None) -> Floats:
     return load_rgba(path, size)[..., 3] / 255.0
 
 
-def load_rgb(path: Path) -> Bytes:
+def load_rgb(path: Path, content: bytes | None = None) -> Bytes:
     """(H, W, 3) uint8 sRGB of a picture such as a texture (JPEG, PNG, TIFF, WebP, BMP, TGA).
 
-    Of any kind: grey, palette, CMYK, 16 bits. Alpha is dropped.
+    Of any kind: grey, palette, CMYK, 16 bits. Alpha is dropped. ``content`` is the picture where it
+    is a part of the file.
 
     Raises:
         DataError: no such file, not a complete picture, or one of more than ``MOST_PIXELS``.
     """
-    return _read(path, _TEXTURE_FORMATS, lambda image: np.asarray(eight_bit(image, "RGB")))
+    return _read(path, _TEXTURE_FORMATS, lambda image: np.asarray(eight_bit(image, "RGB")), content)
 
 
 def eight_bit(image: Image, mode: Literal["L", "RGB", "RGBA"]) -> Image:
@@ -175,7 +177,12 @@ def _check_end(path: Path) -> None:
             raise _incomplete(path, ("PNG",), "the file ends before its last chunk")
 
 
-def _read(path: Path, formats: tuple[str, ...], use: Callable[[Image], Result]) -> Result:
+def _read(
+    path: Path,
+    formats: tuple[str, ...],
+    use: Callable[[Image], Result],
+    content: bytes | None = None,
+) -> Result:
     """What ``use`` makes of an opened picture whose size, as its header tells it, is possible."""
     from PIL import Image
 
@@ -184,7 +191,8 @@ def _read(path: Path, formats: tuple[str, ...], use: Callable[[Image], Result]) 
     if not path.is_file():
         raise DataError(f"no image at {path}")
     try:
-        with Image.open(path, formats=formats) as image:
+        source = path if content is None else io.BytesIO(content)
+        with Image.open(source, formats=formats) as image:
             if image.width * image.height > MOST_PIXELS:
                 raise _too_large(path, f"{image.width} x {image.height}")
             return use(image)

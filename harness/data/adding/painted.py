@@ -20,6 +20,7 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.formats.obj import read_obj_colours
 from harness.core.mesh import Mesh
 from harness.data.adding.atlas import Paint, joined, paint_of_corners
+from harness.data.adding.glb_colours import glb_painted
 from harness.data.adding.glb_files import COLOURS, glb_for_trimesh
 from harness.data.adding.named_files import has_one_picture, maps_with_options, picture_files
 from harness.geometry.images import check_picture, linear_from_srgb, load_rgb, srgb_from_linear
@@ -74,13 +75,16 @@ def read_painted(path: Path, *, grey: bool = False) -> Painted:
         assert mesh.texture is not None
         return Painted(replace(mesh, texture=None), load_rgb(mesh.texture), "texture")
     _check_pictures(path)
+    if path.suffix.lower() == ".glb" and (glb := glb_painted(path, [])):
+        mesh, paint, words = glb
+        return Painted(mesh, paint.pixels, words)
     if path.suffix.lower() == ".obj" and not picture_files(path):
         colours = read_obj_colours(path)
         if colours is not None:
             paint = paint_of_corners(colours[surface.faces])
             mesh = replace(surface, uv=paint.uv, face_uv=paint.face_uv)
             return Painted(mesh, paint.pixels, "vertex colours")
-    pieces = _pieces(path)
+    pieces = [] if path.suffix.lower() == ".glb" else _pieces(path)
     if not pieces:
         if not grey:
             raise _colourless(path)
