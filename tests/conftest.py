@@ -59,6 +59,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 LONG_TESTS = (
     "test_frames.py",
     "test_killed_runs.py",
+    "test_stale_keys.py",
     "test_avatars_build.py",
     "test_body_fit.py",
     "test_econ_network.py",

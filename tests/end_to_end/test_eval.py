@@ -159,16 +159,16 @@ def test_score_pair_prints_json(world, harness):
 
 @pytest.mark.usefixtures("photographed")
 def test_check_finds_what_moved(world, harness, eval_toy):
-    assert eval_toy("gt,hull8", "--subjects", "t1").returncode == 0
+    assert eval_toy("gt,coarse", "--subjects", "t1").returncode == 0
     assert harness("check", "baseline.json", "--update").returncode == 0
     same = harness("check", "baseline.json")
     assert same.returncode == 0, same.stdout
-    assert eval_toy("hull8", "--subjects", "t1", "--set", "hull.voxel_m=0.03").returncode == 0
+    assert eval_toy("coarse", "--subjects", "t1", "--set", "hull.voxel_m=0.03").returncode == 0
     moved = harness("check", "baseline.json", "--summary", "summary.md")
     assert moved.returncode == 1
-    assert "hull8" in moved.stdout
+    assert "coarse" in moved.stdout
     assert "voxel_m" in moved.stdout
-    assert "hull8" in (world / "summary.md").read_text()
+    assert "coarse" in (world / "summary.md").read_text()
 
 
 def test_data_commands(world, harness):

@@ -95,6 +95,7 @@ def test_the_second_one_is_given_the_first_ones_answer(both):
     assert (found.back - bare.back).abs().max() > 1e-3
 
 
+@pytest.mark.nightly
 def test_both_are_read_again_from_their_file(tmp_path):
     # Two that are stirred more make what rounding differs by larger than an export allows.
     networks = [stirred(NormalNetwork(), seed, 0.01) for seed in (3, 4)]
@@ -108,6 +109,7 @@ def test_both_are_read_again_from_their_file(tmp_path):
             torch.testing.assert_close(state[name], value)
 
 
+@pytest.mark.nightly
 def test_a_second_network_starts_where_the_first_one_is(tmp_path):
     from normal_training.learning.networks.network import Averaged
 

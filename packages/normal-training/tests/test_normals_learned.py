@@ -124,6 +124,7 @@ def test_nobody_in_the_picture_is_no_error(samples):
     assert torch.isfinite(together.loss(together.network(), empty, STILL, draw))
 
 
+@pytest.mark.nightly
 def test_both_learn(samples, tmp_path):
     settings = replace(TOGETHER, steps=40, judge_every=40, batch=2, rate=5e-3)
     torch.manual_seed(0)
@@ -136,6 +137,7 @@ def test_both_learn(samples, tmp_path):
     assert bool(trained.device) == torch.cuda.is_available()
 
 
+@pytest.mark.nightly
 def test_a_file_of_two_is_where_both_start(tmp_path):
     torch.manual_seed(0)
     pair = Detailed(NormalNetwork(), NormalNetwork())

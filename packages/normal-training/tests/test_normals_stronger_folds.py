@@ -95,6 +95,7 @@ def test_half_precision_around_it_changes_nothing():
     assert torch.equal(found, once)
 
 
+@pytest.mark.nightly
 def test_the_exported_file_has_stronger_folds(tmp_path):
     torch.manual_seed(0)
     network = NormalNetwork(8, (16, 24, 24, 32))

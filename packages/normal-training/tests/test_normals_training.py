@@ -84,6 +84,7 @@ def silent(steps, line):
     pass
 
 
+@pytest.mark.nightly
 def test_it_learns_a_tilt(samples, tmp_path):
     settings = TrainingSettings(steps=60, batch=4, judge_every=60, rate=5e-3)
     trained = train(samples, samples, settings, tmp_path / "run", silent)
@@ -240,6 +241,7 @@ def test_another_light_leaves_all_but_the_photo(samples):
     assert len(turned) <= 3
 
 
+@pytest.mark.nightly
 def test_a_training_starts_from_a_network_of_fewer_blocks(tmp_path):
     torch.manual_seed(0)
     shallow = NormalNetwork(depths=(1, 2, 2, 2), lifted=(1, 1, 1), sharp=(0, 0))

@@ -48,6 +48,7 @@ def test_the_fit_finds_what_was_imported(parts, files):
         body_model("smplx", "SMPLX_FEMALE")
 
 
+@pytest.mark.nightly
 def test_a_file_of_another_name_is_named_by_the_user(parts, files):
     with pytest.raises(HarnessError, match="does not say which.*SMPLX_NEUTRAL_2020.*--name"):
         SMPLX.add(files["mine"], ImportOptions())

@@ -140,6 +140,7 @@ def test_an_imported_part_meets_the_golden_vectors(
         assert np.abs(found[0] - golden[f"{name}_raw"]).max() < GOLDEN
 
 
+@pytest.mark.nightly
 def test_a_small_checkpoint_becomes_files_that_answer_alike(fill, save_checkpoint, tmp_path):
     numbers = {**fill(shapes("netF", SMALL)), **fill(shapes("netB", SMALL))}
     path = save_checkpoint(tmp_path / "normal.ckpt", numbers, "state_dict")

@@ -17,6 +17,7 @@ def outlines(ball, ring, views_of):
     return [view.outline for view in views_of(ball, ring(8))]
 
 
+@pytest.mark.nightly
 def test_a_balloon_beside_the_subject_is_cut_off(ball, outlines):
     balloon = Mesh(ball.vertices + np.array([0.0, -0.2, 0.1]), ball.faces)
     both = remeshed(concatenated([ball, balloon]), 0.006)

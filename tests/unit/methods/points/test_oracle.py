@@ -67,6 +67,7 @@ def test_one_percent_of_noise_costs_less_than_itself(smooth, capture, context, b
     assert back.mean() < 0.02
 
 
+@pytest.mark.nightly
 def test_equal_seeds_give_equal_meshes_and_others_other_noise(capture, context):
     noisy = oracle8_points.configured({**FAST, "depth.noise": "0.002"})
     first, second = (noisy.reconstruct(capture, context).mesh for _ in range(2))
