@@ -3,7 +3,7 @@
 Run:   python examples/03_cameras_of_your_own_photos.py
        python examples/03_cameras_of_your_own_photos.py PATH   (lists the cameras of your own file)
 
-PATH is a COLMAP text model (a folder with cameras.txt and images.txt), a transforms.json of
+PATH is a COLMAP model (a folder with cameras and images, .txt or .bin), a transforms.json of
 nerfstudio, or a camera_parameters.json as published with MExECON.
 """
 
@@ -21,25 +21,21 @@ from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import (
     BLENDER_TO_WORLD,
     quaternion_from_rotation,
-    read_colmap,
-    read_published_cameras,
-    read_transforms_json,
     write_colmap,
     write_transforms_json,
 )
 from harness.core.cameras.rigs import RingRig, camera_yaw_deg
+from harness.data.captures.reading import read_cameras
 
 #: World metres: the corners of a box as large as a person.
 POINTS = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.9, 0.9) for z in (-0.2, 0.2)])
 
 
-def read_cameras(path: Path) -> tuple[Camera, ...]:
-    """The cameras in a file of any of the three kinds."""
-    if path.is_dir():
-        return read_colmap(path)[0]
-    if path.name == "camera_parameters.json":
-        return read_published_cameras(path)
-    return read_transforms_json(path)[0]
+def cameras_of(path: Path) -> list[Camera]:
+    """The cameras in a file of any of the three kinds; where +Z is up in it, +Y is up here."""
+    found = read_cameras(path)
+    to_world = BLENDER_TO_WORLD if found.layout in ("nerfstudio", "published") else np.eye(4)
+    return [view.camera.in_frame(to_world) for view in found.views]
 
 
 def write_published(path: Path, cameras: Sequence[Camera]) -> None:
@@ -81,7 +77,7 @@ def list_cameras(cameras: Sequence[Camera]) -> None:
 def main() -> None:
     """Write four known cameras in each format, read them back, and compare the pixels."""
     if len(sys.argv) > 1:
-        list_cameras(read_cameras(Path(sys.argv[1])))
+        list_cameras(cameras_of(Path(sys.argv[1])))
         return
     truth = RingRig(views=4).cameras(1080, 1920)
     print("Four cameras on a ring of 3 m:")
@@ -100,7 +96,7 @@ def main() -> None:
             ("nerfstudio", nerfstudio),
             ("published", published),
         ):
-            error_px = reprojection_error_px(read_cameras(path), truth)
+            error_px = reprojection_error_px(cameras_of(path), truth)
             print(f"  {title:10} {error_px:.6f} px")
 
     # The usual mistake: camera axes of OpenGL (y up, z backward) taken for those of OpenCV.

@@ -99,6 +99,15 @@ class VisualHull:
         return Reconstruction(mesh=mesh, details={"voxels": int(field.size)})
 
 
+def hull_of(outlines: list[Outline], settings: HullSettings) -> Mesh:
+    """The hull of silhouettes, in the world of their cameras.
+
+    Raises:
+        MethodError: no point is inside all of them.
+    """
+    return _contour(*_carve(outlines, place_of(outlines), settings), settings)
+
+
 def _lattice(origin: Floats, counts: tuple[int, ...], step: float) -> Floats:
     """(N, 3) lattice points in C order; three counts."""
     axes = [origin[axis] + step * np.arange(counts[axis]) for axis in range(3)]

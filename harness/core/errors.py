@@ -21,7 +21,7 @@ Exit code 1 is kept for "the command ran and the answer is no": failed subjects,
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 from harness.core.plain_text import plain_text
@@ -110,9 +110,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A hint that names the nearest known spelling, or lists what is known."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    if close:
-        return f"Did you mean '{close[0]}'?"
+    return f"Did you mean '{close[0]}'?" if close else f"Known: {listed(names) or 'none'}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message: the first twenty, and how many more there are."""
     # One more takes no more room than to say so.
     shown = names if len(names) == _NAMES_SHOWN + 1 else names[:_NAMES_SHOWN]
     more = len(names) - len(shown)
-    return f"Known: {', '.join(shown) or 'none'}{f' and {more} more' if more > 0 else ''}"
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, rigid_inverse
 from harness.core.errors import DataError
-from harness.core.files.atomic import read_json, write_json, write_text
+from harness.core.files.atomic import write_json, write_text
 
 #: (4, 4) from Blender's world (Z up, front -Y) to ours (Y up, front +Z): (x, y, z) is (x, z, -y).
 BLENDER_TO_WORLD: Floats = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -31,9 +31,6 @@ OPENCV_TO_BLENDER_CAMERA: Floats = np.diag([1.0, -1.0, -1.0, 1.0])
 _LEFT_UP_FORWARD_TO_OPENCV: Floats = np.diag([-1.0, -1.0, 1.0, 1.0])
 #: Cosine of the widest angle between a camera's axis and the origin at which it still faces it.
 _FACING_COSINE = 0.5
-_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
-#: Camera models that are a pinhole once their distortion is zero.
-_NERFSTUDIO_PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 
 
 def rotation_from_quaternion(wxyz: ArrayLike) -> Floats:
@@ -75,12 +72,6 @@ def camera_to_blender(camera: Camera) -> Floats:
     return rigid_inverse(BLENDER_TO_WORLD) @ camera.camera_to_world @ OPENCV_TO_BLENDER_CAMERA
 
 
-def camera_from_blender(matrix_world: Floats, K: Floats, width: int, height: int) -> Camera:
-    """Our camera from a Blender camera object's ``matrix_world`` and its intrinsics in pixels."""
-    camera_to_world = BLENDER_TO_WORLD @ np.asarray(matrix_world) @ OPENCV_TO_BLENDER_CAMERA
-    return Camera(K=K, world_to_camera=rigid_inverse(camera_to_world), width=width, height=height)
-
-
 def read_published_cameras(path: Path) -> tuple[Camera, ...]:
     """Cameras of a ``camera_parameters.json`` as published with MExECON.
 
@@ -97,7 +88,7 @@ def read_published_cameras(path: Path) -> tuple[Camera, ...]:
         DataError: not such a file, or a camera that looks away from the origin either way.
     """
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = json.loads(path.read_text(encoding="utf-8-sig"))
         with _located(path):
             parsed = [_published_entry(entry) for entry in entries]
         if not parsed:
@@ -169,47 +160,6 @@ def write_transforms_json(path: Path, cameras: Sequence[Camera], images: Sequenc
     write_json(path, {"camera_model": "OPENCV", "frames": frames})
 
 
-def read_transforms_json(path: Path) -> tuple[tuple[Camera, ...], tuple[str, ...]]:
-    """Cameras and image names of a nerfstudio ``transforms.json``.
-
-    Intrinsics may stand once for all frames or in each.
-
-    Raises:
-        DataError: not such a file, or cameras with lens distortion, which is refused, not dropped.
-    """
-    document = read_json(path)
-    cameras: list[Camera] = []
-    images: list[str] = []
-    try:
-        for frame in document["frames"]:
-            with _located(path):
-                cameras.append(_nerfstudio_camera({**document, **frame}))
-            images.append(str(frame["file_path"]))
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise DataError(
-            f"{path} is not a nerfstudio transforms.json",
-            expected="frames with transform_matrix, file_path, fl_x, cx, cy, w, h",
-            got=f"{type(error).__name__}: {error}",
-        ) from error
-    return tuple(cameras), tuple(images)
-
-
-def _nerfstudio_camera(values: Mapping[str, Any]) -> Camera:
-    model = values.get("camera_model", "OPENCV")
-    bent = [key for key in _DISTORTION if values.get(key)]
-    if bent or model not in _NERFSTUDIO_PINHOLES:
-        raise DataError(
-            f"a camera of model {model} with lens distortion",
-            expected="a pinhole camera",
-            got=", ".join(bent) or model,
-            hint="Undistort the images first; a pinhole camera cannot carry it",
-        )
-    fx = float(values["fl_x"])
-    K = _intrinsics(fx, values.get("fl_y", fx), values["cx"], values["cy"])
-    matrix = np.array(values["transform_matrix"], dtype=np.float64)
-    return camera_from_blender(matrix, K, int(values["w"]), int(values["h"]))
-
-
 def write_colmap(directory: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
     """Write COLMAP's text model, world unchanged: cameras, images, and no points."""
     camera_lines: list[str] = []
@@ -230,62 +180,3 @@ def write_colmap(directory: Path, cameras: Sequence[Camera], images: Sequence[st
 
 def _words(*numbers: float) -> str:
     return " ".join(repr(float(number)) for number in numbers)
-
-
-def read_colmap(directory: Path) -> tuple[tuple[Camera, ...], tuple[str, ...]]:
-    """Cameras and image names of a COLMAP text model, in order of image id; world unchanged.
-
-    Raises:
-        DataError: not such a model, or cameras with lens distortion.
-    """
-    try:
-        intrinsics = dict(_colmap_intrinsics(directory / "cameras.txt"))
-        found = sorted(_colmap_images(directory / "images.txt", intrinsics), key=lambda it: it[0])
-    except (OSError, ValueError, KeyError, IndexError) as error:
-        raise DataError(
-            f"{directory} is not a COLMAP text model",
-            expected="cameras.txt and images.txt",
-            got=f"{type(error).__name__}: {error}",
-        ) from error
-    return tuple(camera for _, camera, _ in found), tuple(name for *_, name in found)
-
-
-def _colmap_lines(path: Path) -> Iterator[str]:
-    text = path.read_text(encoding="utf-8")
-    return (line for line in text.splitlines() if not line.startswith("#"))
-
-
-def _colmap_intrinsics(path: Path) -> Iterator[tuple[str, tuple[Floats, int, int]]]:
-    """Intrinsics and image size by COLMAP's camera id."""
-    for line in filter(str.strip, _colmap_lines(path)):
-        identifier, model, width, height, *parameters = line.split()
-        numbers = [float(text) for text in parameters]
-        if model == "SIMPLE_PINHOLE":
-            numbers.insert(0, numbers[0])
-        elif model != "PINHOLE":
-            raise DataError(
-                f"{path} has a camera of model {model}",
-                expected="PINHOLE or SIMPLE_PINHOLE",
-                hint="Undistort the images with COLMAP's image_undistorter first",
-            )
-        fx, fy, cx, cy = numbers
-        yield identifier, (_intrinsics(fx, fy, cx, cy), int(width), int(height))
-
-
-def _colmap_images(
-    path: Path, intrinsics: Mapping[str, tuple[Floats, int, int]]
-) -> Iterator[tuple[int, Camera, str]]:
-    """Image id, camera and file name of every image."""
-    lines = _colmap_lines(path)
-    for line in filter(str.strip, lines):
-        image_id, *pose, camera_id, name = line.split(maxsplit=9)
-        numbers = np.array(pose, dtype=np.float64)
-        world_to_camera = np.eye(4)
-        K, width, height = intrinsics[camera_id]
-        with _located(path):
-            world_to_camera[:3, :3] = rotation_from_quaternion(numbers[:4])
-            world_to_camera[:3, 3] = numbers[4:]
-            camera = Camera(K, world_to_camera, width, height)
-        yield int(image_id), camera, name.strip()
-        # The next line holds the image's 2-D points, and may be empty.
-        next(lines, "")

@@ -219,7 +219,8 @@ def read_json(path: Path) -> dict[str, Any]:
         DataError: no such file, not JSON (with line and column), NaN or infinity, or not an object.
     """
     try:
-        value: object = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
+        text = path.read_text(encoding="utf-8-sig")
+        value: object = json.loads(text, parse_constant=refuse_constant)
     except FileNotFoundError as error:
         raise DataError(f"no file at {path}") from error
     except OSError as error:

@@ -12,6 +12,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Mask
 from harness.core.cameras.camera import Camera
+from harness.core.errors import DataError
 
 #: Distances to the axis at which the polynomial is looked at for where it folds back.
 _STEPS = 2000
@@ -34,6 +35,10 @@ class Lens:
     k: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     p: tuple[float, float] = (0.0, 0.0)
     fisheye: bool = False
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.k, *self.p]).all():
+            raise DataError("a lens is not of finite numbers", got=f"k {self.k}, p {self.p}")
 
     @classmethod
     def of(

@@ -1,87 +1,168 @@
-"""Nerfstudio's ``transforms.json``, with lens distortion and masks."""
+"""The ``transforms.json`` of nerfstudio and instant-ngp, with lens distortion and masks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, rigid_inverse
 from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json
 from harness.data.captures.lens import Lens
+from harness.data.captures.pictures import NamedPictures, picture_facts
 from harness.data.captures.views import ForeignCameras, ForeignView
 
 _ORDINARY = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_FISHEYE = ("OPENCV_FISHEYE",)
+_FISHEYE = "OPENCV_FISHEYE"
+#: Other ways to tell cameras and poses that instant-ngp or nerfstudio read.
+_OTHER_KINDS = ("ftheta_p0", "latlong", "equirectangular", "orthographic", "from_mitsuba",
+                "distortion_params")  # fmt: skip
+#: What each lens has. The k4 of an ordinary lens is the fourth radial number in these files, which
+#: OpenCV's model has below the line; with k5, k6 and the like it is refused.
+_PARAMETER = re.compile(r"[kpsb]\d")
+_ORDINARY_HAS, _FISHEYE_HAS = ("k1", "k2", "k3", "p1", "p2"), ("k1", "k2", "k3", "k4")
 
 
-def read_nerfstudio(path: Path) -> ForeignCameras:
+def read_nerfstudio(path: Path, photos: Path | None = None) -> ForeignCameras:
     """The cameras of a ``transforms.json``: OpenGL camera axes, in the file's own world axes.
 
-    Intrinsics may stand once for all frames or in each.
+    Intrinsics may stand once for all frames or in each, which counts more. A focal length is
+    ``fl_x`` or comes from ``camera_angle_x``. A size that does not stand there is that of the
+    photo, or where it is missing that of another one; the middle is then the picture's.
+
+    Args:
+        path: The file.
+        photos: Folder that the user named for photos; that of the file by default.
 
     Raises:
         DataError: not such a file, a camera model that is not known here, or poses that are
             mirrored or scaled.
     """
     document = read_json(path)
-    views: list[ForeignView] = []
-    try:
-        for number, frame in enumerate(document["frames"]):
-            try:
-                views.append(_view({**document, **frame}))
-            except DataError as error:
-                raise error.located(f"{path}, frame {number}") from error
-    except (LookupError, TypeError, ValueError) as error:
+    frames = document.get("frames")
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
         raise DataError(
             f"{path} is not a nerfstudio transforms.json",
-            expected="frames with transform_matrix, file_path, fl_x, cx, cy, w, h",
-            got=f"{type(error).__name__}: {error}",
-        ) from error
-    if not views:
+            expected="a list of frames with file_path and transform_matrix",
+        )
+    if not frames:
         raise DataError(f"{path} has no frames")
+    pictures = NamedPictures(path, photos or path.parent)
+
+    def size(name: str) -> tuple[int, int]:
+        others = (pictures.find(str(frame.get("file_path"))) for frame in frames)
+        photo = pictures.find(name) or next(filter(None, others), None)
+        if photo is None:
+            raise DataError("no w and h, and no photo is there to tell them")
+        return picture_facts(photo).size
+
+    views: list[ForeignView] = []
+    for number, frame in enumerate(frames):
+        try:
+            views.append(_view(document, frame, size))
+        except DataError as error:
+            raise error.located(f"{path}, frame {number}") from error
     return ForeignCameras(path, "nerfstudio", tuple(views))
 
 
-def _view(values: Mapping[str, Any]) -> ForeignView:
-    focal = float(values["fl_x"])
-    K = np.array(
-        [
-            [focal, 0.0, float(values["cx"])],
-            [0.0, float(values.get("fl_y", focal)), float(values["cy"])],
-            [0.0, 0.0, 1.0],
-        ]
-    )
-    matrix = np.array(values["transform_matrix"], dtype=np.float64)
-    if matrix.shape != (4, 4):
-        raise ValueError(f"a transform_matrix of shape {matrix.shape}")
-    camera = Camera(
-        K, rigid_inverse(matrix @ OPENCV_TO_BLENDER_CAMERA), int(values["w"]), int(values["h"])
-    )
-    image, mask = str(values["file_path"]), str(values.get("mask_path") or "")
-    return ForeignView(image, camera, _lens(values), mask)
+def _view(
+    document: Mapping[str, Any], frame: Mapping[str, Any], size: Callable[[str], tuple[int, int]]
+) -> ForeignView:
+    values = {**document, **frame}
+    image, mask = values.get("file_path"), values.get("mask_path") or ""
+    if not (isinstance(image, str) and image and isinstance(mask, str)):
+        raise DataError("file_path is no text", got=repr(image), hint="Name the photo there")
+    width, height = _number(values, "w"), _number(values, "h")
+    if width is None or height is None:
+        width, height = size(image)
+    fx, fy = _focal_lengths(frame, document, (width, height))
+    cx, cy = _number(values, "cx"), _number(values, "cy")
+    middle = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
+    K = np.array([[fx, 0.0, middle[0]], [0.0, fy, middle[1]], [0.0, 0.0, 1.0]])
+    pose = rigid_inverse(_matrix(values) @ OPENCV_TO_BLENDER_CAMERA)
+    return ForeignView(image, Camera(K, pose, int(width), int(height)), _lens(values), mask)
+
+
+def _number(values: Mapping[str, Any], key: str) -> float | None:
+    """A number of a frame; None where it does not stand there."""
+    value = values.get(key)
+    if value is None:
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise DataError(f"{key} is no number", got=repr(value)[:80])
+    return number
+
+
+def _focal_lengths(
+    frame: Mapping[str, Any], document: Mapping[str, Any], size: tuple[float, float]
+) -> tuple[float, float]:
+    """Of the frame itself, else of the document; one that is missing is as long as the other."""
+    for values in (frame, document):
+        both = (_focal_length(values, axis, side) for axis, side in zip("xy", size, strict=True))
+        known = [focal for focal in both if focal is not None]
+        if known:
+            return known[0], known[-1]
+    raise DataError("no focal length", expected="fl_x in pixels, or camera_angle_x in radians")
+
+
+def _focal_length(values: Mapping[str, Any], axis: str, side: float) -> float | None:
+    focal, angle = _number(values, f"fl_{axis}"), _number(values, f"camera_angle_{axis}")
+    if focal is not None or angle is None:
+        return focal
+    if not 0 < angle < math.pi:
+        raise DataError(f"camera_angle_{axis} is no angle in radians", got=str(angle))
+    return side / 2 / math.tan(angle / 2)
+
+
+def _matrix(values: Mapping[str, Any]) -> Floats:
+    """(4, 4) from the camera to the world."""
+    try:
+        matrix = np.array(values.get("transform_matrix"), dtype=np.float64)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape == (3, 4):
+        matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
+    if matrix.shape != (4, 4) or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise DataError(
+            "no transform_matrix from camera to world",
+            expected="four rows of four numbers, the last of them 0 0 0 1",
+            got=str(values.get("transform_matrix"))[:200],
+        )
+    return matrix
 
 
 def _lens(values: Mapping[str, Any]) -> Lens:
-    model = values.get("camera_model", "OPENCV")
-    if model not in (*_ORDINARY, *_FISHEYE):
+    is_fisheye = values.get("is_fisheye")
+    model = values.get("camera_model") or (_FISHEYE if is_fisheye else "OPENCV")
+    kinds = [name for name in _OTHER_KINDS if values.get(name)]
+    if is_fisheye not in (None, model == _FISHEYE):
+        kinds.append(f"{model} with is_fisheye {is_fisheye}")
+    if kinds or model not in (*_ORDINARY, _FISHEYE):
         raise DataError(
-            f"camera model {model} is not known",
-            expected=", ".join((*_ORDINARY, *_FISHEYE)),
+            f"camera model {', '.join(kinds) or model} is not known",
+            expected=", ".join((*_ORDINARY, _FISHEYE)),
             hint="Undistort the images first",
         )
-    radial = [float(values.get(f"k{n}") or 0.0) for n in range(1, 5)]
-    if model in _FISHEYE:
-        return Lens.of(tuple(radial), fisheye=True)
-    # In files of ordinary lenses k4 is the fourth radial number, which OpenCV's model has below.
-    if radial[3]:
+    numbers = {key: _number(values, key) or 0.0 for key in values if _PARAMETER.fullmatch(key)}
+    has = _FISHEYE_HAS if model == _FISHEYE else _ORDINARY_HAS
+    more = [f"{key} = {number}" for key, number in numbers.items() if number and key not in has]
+    if more:
         raise DataError(
-            "a lens with k4 is not known", expected="k1, k2, k3, p1, p2", got=f"k4 = {radial[3]}",
-            hint="Undistort the images first",
+            f"a lens with {more[0].split()[0]} is not known", expected=", ".join(has),
+            got=", ".join(more), hint="Undistort the images first",
         )  # fmt: skip
-    tangential = tuple(float(values.get(name) or 0.0) for name in ("p1", "p2"))
-    return Lens.of(tuple(radial[:3]), tangential)
+    first = [numbers.get(key, 0.0) for key in has]
+    if model == _FISHEYE:
+        return Lens.of(tuple(first), fisheye=True)
+    return Lens.of(tuple(first[:3]), tuple(first[3:]))

@@ -7,36 +7,93 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.core.arrays import Bytes, Floats, Mask, Singles
 from harness.core.cameras.camera import Camera
-from harness.core.errors import DataError, did_you_mean
+from harness.core.errors import DataError
+from harness.core.files.reach import inside
 from harness.data.captures.lens import Lens, undistortion_map
 from harness.data.captures.views import ForeignView
-from harness.geometry.images import MOST_PIXELS, resampled
+from harness.geometry.images import MOST_PIXELS, eight_bit, resampled
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 Result = TypeVar("Result")
+Pixel = TypeVar("Pixel", bound=np.generic)
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
 #: EXIF's facts of the camera, and among them the focal length as on film, which is 36 mm wide.
 _CAMERA_FACTS, _FOCAL_35MM, _FILM_MM = 0x8769, 41989, 36.0
-#: EXIF's tag of how the picture is turned, and its values as quarter turns against the clock.
+#: EXIF's tag of how the picture is turned.
 _ORIENTATION = 274
-_QUARTER_TURNS = {1: 0, 3: 2, 6: 3, 8: 1}
 #: A photo whose alpha is clear in less than this share has no person cut out: a rounded corner.
 _LEAST_CLEAR = 0.02
 #: Sides of pictures and of cameras are of one shape up to this share.
 _SAME_SHAPE = 0.01
+#: A mask's inside is about white. From this share of white on it is brightened, as one of 0 to 127
+#: is; below it, it has numbers of people or parts.
+_FULL, _DIM = 0.6, 0.25
 _ROWS_AT_ONCE = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How a picture as its file stores it becomes the one that viewers show.
+
+    Attributes:
+        mirrored: Whether left and right are exchanged first.
+        quarters: Quarter turns against the clock.
+    """
+
+    mirrored: bool = False
+    quarters: int = 0
+
+    @property
+    def moves(self) -> bool:
+        """Whether both are different pictures."""
+        return self != Turn()
+
+    def shown(self, pixels: NDArray[Pixel]) -> NDArray[Pixel]:
+        """The picture as viewers show it, of the stored one (H, W) or (H, W, C)."""
+        return np.rot90(pixels[:, ::-1] if self.mirrored else pixels, self.quarters)
+
+    def stored(self, pixels: NDArray[Pixel]) -> NDArray[Pixel]:
+        """The stored picture of the one that viewers show."""
+        back = np.rot90(pixels, -self.quarters)
+        return back[:, ::-1] if self.mirrored else back
+
+    def size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """(width, height) of one of both, of the other's."""
+        return size[::-1] if self.quarters % 2 else size
+
+
+#: By EXIF's number.
+_TURNS = {1: Turn(), 2: Turn(True), 3: Turn(False, 2), 4: Turn(True, 2), 5: Turn(True, 1),
+          6: Turn(False, 3), 7: Turn(True, 3), 8: Turn(False, 1)}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Of which form of a photo that its file turns the camera and the mask are.
+
+    Attributes:
+        camera_shown: Whether the camera is of the picture as viewers show it, not as it is stored.
+        mask_shown: Whether the mask is.
+    """
+
+    camera_shown: bool = False
+    mask_shown: bool = False
+
+
+READINGS = tuple(Reading(camera, mask) for camera in (False, True) for mask in (False, True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,12 +105,14 @@ class TakenPhoto:
         alpha: (H, W) uint8 coverage by the subject; None where the file does not tell it.
         shown: (H, W) uint8 255 where the lens shows that direction; less beyond its picture.
         camera: Of exactly these pixels.
+        inverted: Whether the mask's file was white around the subject.
     """
 
     rgb: Bytes
     alpha: Bytes | None
     shown: Bytes
     camera: Camera
+    inverted: bool = False
 
     def resized(self, longest_px: int) -> TakenPhoto:
         """The photo with at most so many pixels along its longer side."""
@@ -63,29 +122,21 @@ class TakenPhoto:
         size = (max(1, round(share * self.camera.width)), max(1, round(share * self.camera.height)))
         weight = 255.0 if self.alpha is None else np.maximum(self.alpha, 1e-3)[..., None]
         rgb = resampled(self.rgb * np.asarray(weight, dtype=np.float64), size, "box")
+        shown = _bytes(resampled(self.shown.astype(np.float64), size, "box"))
+        small = replace(self, shown=shown, camera=self.camera.resized(*size))
         if self.alpha is None:
-            return TakenPhoto(_bytes(rgb / 255.0), None, self._small(self.shown, size),
-                              self.camera.resized(*size))  # fmt: skip
+            return replace(small, rgb=_bytes(rgb / 255.0))
         alpha = resampled(np.maximum(self.alpha, 1e-3), size, "box")
-        colour = rgb / alpha[..., None]
-        return TakenPhoto(_bytes(colour), _bytes(alpha), self._small(self.shown, size),
-                          self.camera.resized(*size))  # fmt: skip
-
-    @staticmethod
-    def _small(picture: Bytes, size: tuple[int, int]) -> Bytes:
-        return _bytes(resampled(picture.astype(np.float64), size, "box"))
+        return replace(small, rgb=_bytes(rgb / alpha[..., None]), alpha=_bytes(alpha))
 
     def turned(self, quarters: int) -> TakenPhoto:
         """The photo turned by quarter turns against the clock, with its camera."""
         if quarters % 4 == 0:
             return self
+        rgb, shown = (np.ascontiguousarray(np.rot90(p, quarters)) for p in (self.rgb, self.shown))
         alpha = None if self.alpha is None else np.ascontiguousarray(np.rot90(self.alpha, quarters))
-        return TakenPhoto(
-            np.ascontiguousarray(np.rot90(self.rgb, quarters)),
-            alpha,
-            np.ascontiguousarray(np.rot90(self.shown, quarters)),
-            _turned_camera(self.camera, quarters),
-        )
+        return replace(self, rgb=rgb, alpha=alpha, shown=shown,
+                       camera=_turned_camera(self.camera, quarters))  # fmt: skip
 
 
 def photo_folder(folder: Path) -> Path:
@@ -120,34 +171,49 @@ def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
     return [(0, int(word)) if word.isdigit() else (1, word) for word in words], path.suffix
 
 
-def find_photo(folder: Path, base: Path, name: str) -> Path:
-    """The photo of a name in a camera file: below the folder of photos or beside the file.
+@dataclass(frozen=True, slots=True)
+class NamedPictures:
+    """Pictures that a camera file names: each by the path that stands there, and by no other.
 
-    Args:
-        folder: Of the photos.
-        base: Folder of the camera file.
-        name: As the file has it, with or without an extension.
-
-    Raises:
-        DataError: there is none.
+    Attributes:
+        source: The camera file, or the folder of a COLMAP model.
+        named: Folder that the user named for photos.
     """
-    for candidate in _candidates(folder, base, name):
-        if candidate.is_file():
-            return candidate
-    names = [path.name for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES]
-    raise DataError(
-        f"the camera file names the photo '{name}', which is not in {folder}",
-        hint=did_you_mean(Path(name).name, names),
-    )
+
+    source: Path
+    named: Path
+
+    def find(self, name: str) -> Path | None:
+        """The picture of a path, with or without an extension; None where there is none.
+
+        Raises:
+            DataError: it lies outside the folders that the user named.
+        """
+        places = list(self._places(name))
+        folders = [self.named] if self.source.is_dir() else [self.named, self.source.parent]
+        for path in (*places, *(other for place in places for other in _with_suffixes(place))):
+            if path.is_file():
+                return inside(self.source, path, *folders)
+        return None
+
+    def _places(self, name: str) -> Iterator[Path]:
+        folder = photo_folder(self.named)
+        for text in dict.fromkeys((name, name.replace("\\", "/"))):
+            if not self.source.is_dir():  # a COLMAP model's names count from the photos' folder
+                yield self.source.parent / text
+            yield folder / text
+            # The folder of the photos may itself be the first part of the path, or the first ones.
+            parts = [part for part in PurePosixPath(text).parts if part != ".."]
+            for count in range(1, len(parts)):
+                if tuple(parts[:count]) == folder.parts[-count:]:
+                    yield folder.joinpath(*parts[count:])
 
 
-def _candidates(folder: Path, base: Path, name: str) -> Iterator[Path]:
-    places = (base / name, folder / name, folder / Path(name).name)
-    yield from places
-    for place in places:
-        for suffix in PICTURE_SUFFIXES:
-            yield place.with_name(place.name + suffix)
-            yield place.with_suffix(suffix)
+def _with_suffixes(path: Path) -> Iterator[Path]:
+    for suffix in PICTURE_SUFFIXES if path.name else ():
+        yield path.with_name(path.name + suffix)
+        if path.suffix.lower() in PICTURE_SUFFIXES:
+            yield path.with_suffix(suffix)
 
 
 def find_mask(folder: Path, photo: Path) -> Path | None:
@@ -161,7 +227,31 @@ def find_mask(folder: Path, photo: Path) -> Path | None:
     return next((path for path in found if not path.samefile(photo)), None)
 
 
-def read_photo(path: Path, view: ForeignView, mask: Path | None = None) -> TakenPhoto:
+def fitting_readings(path: Path, view: ForeignView, mask: Path | None) -> tuple[Reading, ...]:
+    """The readings of a photo under which its shape is that of its camera and of its mask.
+
+    Raises:
+        DataError: a file that is no picture, or a shape that fits none.
+    """
+    facts = picture_facts(path)
+    sizes = {False: facts.size, True: facts.turn.size(facts.size)}
+    cameras = [shown for shown in sizes if _same_shape(sizes[shown], view.camera.size)]
+    if not cameras:
+        raise _other_shape(path, "camera", view.camera.size, facts.size)
+    if mask is None:
+        return tuple(reading for reading in READINGS if reading.camera_shown in cameras)
+    own = picture_facts(mask)
+    size = own.turn.size(own.size)
+    # A mask that is itself turned by its file is of what viewers show.
+    masks = [s for s in sizes if _same_shape(size, sizes[s]) and (s or not own.turn.moves)]
+    if not masks:
+        raise _other_shape(mask, "photo", facts.size, own.size)
+    return tuple(r for r in READINGS if r.camera_shown in cameras and r.mask_shown in masks)
+
+
+def read_photo(
+    path: Path, view: ForeignView, mask: Path | None = None, reading: Reading | None = None
+) -> TakenPhoto:
     """A photo on the pixels of a pinhole: turned as its file says, its lens undone.
 
     A photo of another size than its camera, but of the same shape, takes the camera with it.
@@ -171,45 +261,77 @@ def read_photo(path: Path, view: ForeignView, mask: Path | None = None) -> Taken
         view: Its camera and lens.
         mask: Its mask's file, which counts more than the photo's own alpha. White or opaque is the
             subject: an alpha channel that varies counts, else brightness.
+        reading: How camera and mask lie on it; the first that fits by default.
 
     Raises:
-        DataError: not a complete picture, or of another shape than its camera.
+        DataError: not a complete picture, or of another shape than its camera or mask.
     """
-    rgba, quarters = _opened(path)
+    reading = reading or fitting_readings(path, view, mask)[0]
+    rgba, turn = _opened(path, lambda image: np.asarray(eight_bit(image, "RGBA")))
+    alpha, inverted = rgba[..., 3], False
+    has_alpha = mask is not None or _tells(alpha)
     if mask is not None:
-        rgba = np.dstack([rgba[..., :3], _coverage(mask, (rgba.shape[1], rgba.shape[0]))])
-    stored = (rgba.shape[1], rgba.shape[0])
-    if not _same_shape(stored, view.camera.size):
-        if quarters % 2 == 0 or not _same_shape(stored[::-1], view.camera.size):
-            raise _other_shape(path, stored, view.camera)
-        # The camera is of the picture as viewers show it, not as the file stores it.
-        rgba, quarters = np.rot90(rgba, quarters), 0
+        values, own = _opened(mask, _marks)
+        alpha, inverted = _subject(own.shown(values), mask)
+        alpha = turn.stored(alpha) if reading.mask_shown else alpha
+        if alpha.shape != rgba.shape[:2]:
+            alpha = _bytes(resampled(alpha.astype(float), rgba.shape[1::-1], "bilinear"))
+    elif has_alpha:
+        alpha, inverted = _subject(alpha, path)
+    rgba = np.dstack([rgba[..., :3], alpha])
+    if reading.camera_shown:
+        rgba, turn = turn.shown(rgba), Turn()
     camera = view.camera.resized(rgba.shape[1], rgba.shape[0])
-    has_alpha = mask is not None or float((rgba[..., 3] < 128).mean()) > _LEAST_CLEAR
-    return _pinhole(rgba, camera, view.lens, has_alpha=has_alpha).turned(quarters)
+    taken = _pinhole(rgba, camera, view.lens, has_alpha=has_alpha).turned(turn.quarters)
+    return replace(taken, inverted=inverted)
 
 
-def _other_shape(path: Path, size: tuple[int, int], camera: Camera) -> DataError:
+def _other_shape(path: Path, other: str, size: tuple[int, int], got: tuple[int, int]) -> DataError:
     return DataError(
-        f"{path} is of another shape than its camera",
-        expected=f"{camera.width} x {camera.height} pixels, or as many times more or fewer",
-        got=f"{size[0]} x {size[1]}",
-        hint="Give the photos that the cameras were computed from, not cropped",
+        f"{path} is of another shape than its {other}",
+        expected=f"{size[0]} x {size[1]} pixels, or as many times more or fewer",
+        got=f"{got[0]} x {got[1]}",
+        hint="Give the photos that the cameras were computed from, not cropped, and masks of them",
     )
 
 
-def _coverage(path: Path, size: tuple[int, int]) -> Bytes:
-    """(H, W) uint8 of a mask file on the pixels of a photo of ``size`` (width, height)."""
-    rgba, _ = _opened(path)
-    values = rgba[..., 3] if (rgba[..., 3] < 255).any() else rgba[..., :3].max(axis=2)
-    own = (values.shape[1], values.shape[0])
-    if not _same_shape(own, size):
+def _tells(alpha: Bytes) -> bool:
+    """Whether an alpha channel (H, W) cuts something out: not one that is the same everywhere."""
+    return bool(alpha.min() < alpha.max() and (alpha < 128).mean() > _LEAST_CLEAR)
+
+
+def _marks(image: Image) -> NDArray[Any]:
+    """(H, W) numbers of a mask's file: of alpha where that tells, else of brightness."""
+    if image.mode[0] in "IF":
+        return np.asarray(image)
+    rgba = np.asarray(eight_bit(image, "RGBA"))
+    return rgba[..., 3] if _tells(rgba[..., 3]) else rgba[..., :3].max(axis=2)
+
+
+def _subject(values: NDArray[Any], path: Path) -> tuple[Bytes, bool]:
+    """(H, W) uint8 coverage that numbers of 0 to 1, 255 or 65535 mean, and whether it was inverted.
+
+    What is white along most of each side of the frame is what lies around the subject.
+
+    Raises:
+        DataError: numbers that are no mask, or one that covers the whole picture.
+    """
+    low, high = float(values.min()), float(values.max())
+    white = next((white for white in (1, 255, 65535) if high <= white), 0)
+    inside = float(np.median(values[values > high / 2])) if high > 0 else white
+    is_marked = low == 0 and len(np.unique(values)) == 2
+    if low < 0 or not white or (inside < _DIM * white and not is_marked):
         raise DataError(
-            f"{path} is of another shape than its photo",
-            expected=f"{size[0]} x {size[1]} pixels, or as many times more or fewer",
-            got=f"{own[0]} x {own[1]}",
+            f"{path} is no mask of one subject",
+            expected="black around the subject, and white (1, 255 or 65535) or one other number",
+            got=f"{len(np.unique(values))} numbers from {low:g} to {high:g}",
         )
-    return values if own == size else _bytes(resampled(values.astype(float), size, "bilinear"))
+    coverage = _bytes(values * (255.0 / (inside if inside < _FULL * white else white)))
+    mask = coverage >= 128
+    if mask.all():
+        raise DataError(f"{path} says that the subject covers the whole picture")
+    inverted = all(side.mean() > 0.5 for side in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    return (255 - coverage if inverted else coverage), inverted
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,12 +340,12 @@ class PictureFacts:
 
     Attributes:
         size: (width, height) as stored.
-        quarters: Quarter turns against the clock that show it upright.
+        turn: How it becomes the picture that viewers show.
         field_deg: Field of view along the longer side, degrees; 0 where the file does not tell.
     """
 
     size: tuple[int, int]
-    quarters: int
+    turn: Turn
     field_deg: float
 
 
@@ -238,16 +360,21 @@ def picture_facts(path: Path) -> PictureFacts:
         exif = image.getexif()
         focal_mm = float(exif.get_ifd(_CAMERA_FACTS).get(_FOCAL_35MM) or 0.0)
         field = 2 * math.degrees(math.atan(_FILM_MM / 2 / focal_mm)) if focal_mm > 0 else 0.0
-        quarters = _QUARTER_TURNS.get(exif.get(_ORIENTATION, 1), 0)
-        return PictureFacts(image.size, quarters, field)
+        turn = _TURNS.get(exif.get(_ORIENTATION, 1), Turn())
+        return PictureFacts(turn.size(image.size) if _is_turned(image) else image.size, turn, field)
 
     return _read(path, facts)
 
 
-def _opened(path: Path) -> tuple[Bytes, int]:
-    """(H, W, 4) pixels as stored, and the quarter turns against the clock that show it upright."""
+def _is_turned(image: Image) -> bool:
+    """Whether Pillow turns the picture itself, as it does with TIFF alone."""
+    return image.format == "TIFF"
 
-    def content(image: Image) -> tuple[Bytes, int]:
+
+def _opened(path: Path, read: Callable[[Image], NDArray[Any]]) -> tuple[NDArray[Any], Turn]:
+    """What ``read`` makes of a picture, (H, W) or (H, W, C), as stored; and how it is turned."""
+
+    def content(image: Image) -> tuple[NDArray[Any], Turn]:
         if image.width * image.height > MOST_PIXELS:
             raise DataError(
                 f"{path} has too many pixels",
@@ -255,8 +382,9 @@ def _opened(path: Path) -> tuple[Bytes, int]:
                 got=f"{image.width} x {image.height}",
                 hint="Make the photos smaller",
             )
-        quarters = _QUARTER_TURNS.get(image.getexif().get(_ORIENTATION, 1), 0)
-        return np.asarray(image.convert("RGBA")), quarters
+        turn = _TURNS.get(image.getexif().get(_ORIENTATION, 1), Turn())
+        pixels = read(image)
+        return (turn.stored(pixels) if _is_turned(image) else pixels), turn
 
     return _read(path, content)
 

@@ -44,21 +44,25 @@ def find_cameras(folder: Path) -> Path:
     return published[0]
 
 
-def read_cameras(path: Path) -> ForeignCameras:
+def read_cameras(path: Path, photos: Path | None = None) -> ForeignCameras:
     """The cameras in a file or folder, in its own world axes and unit of length.
+
+    Args:
+        path: The file or folder.
+        photos: Folder that the user named for photos, which tell sizes that the file does not.
 
     Raises:
         DataError: no such file, a layout that is not known, or a damaged file.
     """
     if not path.exists():
         raise DataError(f"no camera file at {path}")
-    reader = _reader(path)
+    reader = _reader(path, photos)
     if reader is None:
         raise DataError(f"{path} is no camera file that is known", expected=LAYOUTS)
     return reader()
 
 
-def _reader(path: Path) -> Callable[[], ForeignCameras] | None:
+def _reader(path: Path, photos: Path | None = None) -> Callable[[], ForeignCameras] | None:
     """What reads a file or folder; None where nothing does."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix in (".bin", ".txt"):
@@ -69,7 +73,9 @@ def _reader(path: Path) -> Callable[[], ForeignCameras] | None:
         return None
     if path.name == "capture.json":
         return lambda: _capture(path.parent)
-    return (lambda: read_published(path)) if _is_list(path) else (lambda: read_nerfstudio(path))
+    if _is_list(path):
+        return lambda: read_published(path)
+    return lambda: read_nerfstudio(path, photos)
 
 
 def _has(folder: Path, suffix: str) -> bool:
@@ -78,7 +84,7 @@ def _has(folder: Path, suffix: str) -> bool:
 
 def _is_list(path: Path) -> bool:
     try:
-        return isinstance(json.loads(path.read_text(encoding="utf-8")), list)
+        return isinstance(json.loads(path.read_text(encoding="utf-8-sig")), list)
     except (OSError, ValueError, RecursionError):
         return False  # the reader of the other form says what is wrong
 

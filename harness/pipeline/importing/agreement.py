@@ -7,27 +7,20 @@ exchanged, or poses are of another convention, the hull loses limbs.
 
 from __future__ import annotations
 
-import contextlib
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats, Mask
-from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera, rigid_inverse
 from harness.core.errors import DataError, MethodError
-from harness.core.mesh import Mesh
-from harness.core.protocols import Context, MethodInfo
-from harness.geometry.images import resampled, save_png
+from harness.geometry.images import resampled
 from harness.geometry.outline import Outline
 from harness.geometry.place import MEAN_HEIGHT_M, place_of
 from harness.geometry.raycast import Raycaster
 from harness.pipeline.importing.world import FileToWorld, up_of_cameras
-from methods.hull import HullSettings, VisualHull
+from methods.hull import HullSettings, hull_of
 
 #: Silhouettes are compared on pictures of at most this many pixels along the longer side.
 _COMPARED_PX = 640
@@ -37,6 +30,9 @@ _VOXEL_M, _TRIED_VOXEL_M = 0.008, 0.024
 #: Another reading of the cameras is named where it agrees better by so much, and well; all that are
 #: so close to the best are named.
 _BETTER, _WELL, _TIED = 0.03, 0.90, 0.01
+#: A mask is odd if without it the others lose so much less of an IoU of 1 each, together, and agree
+#: so well in the mean. With fewer others none can be told.
+_LOST, _RESTORED, _LEAST_OTHERS = 0.1, 0.95, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +69,10 @@ class OtherReading:
 
 
 def hull_agreement(
-    cameras: Sequence[Camera], coverages: Sequence[Bytes], *, coarse: bool = False
+    cameras: Sequence[Camera],
+    coverages: Sequence[Bytes],
+    *,
+    coarse: bool = False,
 ) -> Agreement:
     """How well masks (H, W) uint8 agree with their cameras, of which the world has +Y up.
 
@@ -82,21 +81,76 @@ def hull_agreement(
         coverages: The masks.
         coarse: Whether a rough answer is enough.
     """
-    longest, voxel_m = (_TRIED_PX, _TRIED_VOXEL_M) if coarse else (_COMPARED_PX, _VOXEL_M)
-    outlines = [_smaller(c, m, longest) for c, m in zip(cameras, coverages, strict=True)]
-    nothing = (0.0,) * len(outlines)
     try:
-        place = place_of(outlines)
-        # In metres of a person of mean height, so that the hull's voxels are of a known size.
-        share = MEAN_HEIGHT_M / (2 * place.half_height_m)
+        compared = _Compared.of(cameras, coverages, coarse=coarse)
+    except (MethodError, DataError, ValueError) as error:
+        return Agreement((0.0,) * len(cameras), None, str(error))
+    return compared.agreement()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared:
+    """Silhouettes on small pictures, in metres of a person of mean height, and the hull's voxels.
+
+    So the voxels are of a known size. What an outline computes is kept from hull to hull.
+    """
+
+    outlines: list[Outline]
+    share: float
+    voxel_m: float
+
+    @classmethod
+    def of(
+        cls, cameras: Sequence[Camera], coverages: Sequence[Bytes], *, coarse: bool
+    ) -> _Compared:
+        longest, voxel_m = (_TRIED_PX, _TRIED_VOXEL_M) if coarse else (_COMPARED_PX, _VOXEL_M)
+        outlines = [_smaller(c, m, longest) for c, m in zip(cameras, coverages, strict=True)]
+        share = MEAN_HEIGHT_M / (2 * place_of(outlines).half_height_m)
         scaled = [replace(o, camera=_scaled(o.camera, share)) for o in outlines]
-        mesh = _hull(scaled, voxel_m)
-    # The contour of a hull that is thinner than its voxels is no surface to scikit-image.
-    except (MethodError, DataError, RuntimeError, ValueError) as error:
-        return Agreement(nothing, None, str(error))
-    caster = Raycaster(mesh)
-    iou = tuple(_iou(outline.mask, caster.mask(outline.camera)) for outline in scaled)
-    return Agreement(iou, mesh.bounds / share)
+        return cls(scaled, share, voxel_m)
+
+    def agreement(self, without: Collection[int] = ()) -> Agreement:
+        """Of all silhouettes with the hull of those that are not left out."""
+        used = [outline for view, outline in enumerate(self.outlines) if view not in without]
+        try:
+            mesh = hull_of(used, HullSettings(voxel_m=self.voxel_m))
+        # The contour of a hull that is thinner than its voxels is no surface to scikit-image.
+        except (MethodError, DataError, RuntimeError, ValueError) as error:
+            return Agreement((0.0,) * len(self.outlines), None, str(error))
+        caster = Raycaster(mesh)
+        iou = tuple(_iou(outline.mask, caster.mask(outline.camera)) for outline in self.outlines)
+        return Agreement(iou, mesh.bounds / self.share)
+
+
+def odd_views(cameras: Sequence[Camera], coverages: Sequence[Bytes]) -> dict[int, float]:
+    """The masks that do not agree with those of all others, and their IoU with the others' hull.
+
+    One mask that is too small takes from the hull in every photo, so the mean and the worst photo
+    do not tell which it is. It is the one without which the others agree far better.
+
+    Args:
+        cameras: Of which the world has +Y up.
+        coverages: The masks.
+    """
+    compared = _Compared.of(cameras, coverages, coarse=True)
+
+    def lost(*without: int) -> float:
+        iou = compared.agreement(without).iou
+        return sum(1 - value for view, value in enumerate(iou) if view not in without)
+
+    odd: list[int] = []
+    now = lost()
+    while len(cameras) - len(odd) > _LEAST_OTHERS and now > _LOST:
+        rest = {view: lost(*odd, view) for view in range(len(cameras)) if view not in odd}
+        worst = min(rest, key=lambda view: rest[view])
+        if np.median(list(rest.values())) - rest[worst] < _LOST:
+            break
+        odd.append(worst)
+        now = rest[worst]
+    if now > (1 - _RESTORED) * (len(cameras) - len(odd)):
+        return {}
+    iou = compared.agreement(odd).iou
+    return {view: iou[view] for view in odd}
 
 
 def other_reading(
@@ -160,7 +214,7 @@ _READINGS: dict[str, Reading] = {
 def _smaller(camera: Camera, coverage: Bytes, longest_px: int) -> Outline:
     share = min(1.0, longest_px / max(camera.size))
     size = (max(1, round(share * camera.width)), max(1, round(share * camera.height)))
-    small = resampled(coverage / 255.0, size, "box")
+    small = np.round(255 * resampled(coverage / 255.0, size, "box")) / 255
     return Outline(camera.resized(*size), small)
 
 
@@ -168,28 +222,6 @@ def _scaled(camera: Camera, share: float) -> Camera:
     pose = camera.world_to_camera.copy()
     pose[:3, 3] *= share
     return replace(camera, world_to_camera=pose)
-
-
-def _hull(outlines: Sequence[Outline], voxel_m: float) -> Mesh:
-    """The hull of outlines whose masks differ in size."""
-    with tempfile.TemporaryDirectory(prefix="harness-hull-") as name:
-        folder = Path(name)
-        cameras = tuple(outline.camera for outline in outlines)
-        capture = Capture("", "", "", "", folder, cameras)
-        for view, outline in enumerate(outlines):
-            alpha = np.round(255 * outline.coverage).astype(np.uint8)
-            black = np.zeros((*alpha.shape, 3), np.uint8)
-            save_png(capture.image_path(view), np.dstack([black, alpha]))
-        method = VisualHull(MethodInfo("hull", "Hull"), HullSettings(voxel_m=voxel_m))
-        return method.reconstruct(capture, Context(seed=0, workdir=folder, stage=_unmeasured)).mesh
-
-
-def _unmeasured(name: str) -> AbstractContextManager[None]:  # noqa: ARG001
-    @contextlib.contextmanager
-    def nothing() -> Iterator[None]:
-        yield
-
-    return nothing()
 
 
 def _iou(mask: Mask, other: Mask) -> float:

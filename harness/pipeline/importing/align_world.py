@@ -10,11 +10,12 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
+from harness.core.cameras.camera import Camera
 from harness.core.errors import DataError, HarnessError
 from harness.data.captures.views import ForeignCameras
 from harness.data.scans import PLAUSIBLE_HEIGHT_M
 from harness.geometry.place import MEAN_HEIGHT_M
-from harness.pipeline.importing.agreement import Agreement, hull_agreement, other_reading
+from harness.pipeline.importing.agreement import Agreement, hull_agreement, odd_views, other_reading
 from harness.pipeline.importing.facing import stance_of
 from harness.pipeline.importing.load_photos import TakenView
 from harness.pipeline.importing.request import (
@@ -151,7 +152,7 @@ def placed(
     upright = FileToWorld.upright(up, np.array([0.0, 0.0, 1.0]) if foreign.in_world else None)
     cameras = [upright.camera(view.camera) for view in views]
     agreement = hull_agreement(cameras, [view.coverage for view in views])
-    warnings = _contradictions(request, views, agreement)
+    warnings = _contradictions(request, cameras, views, agreement)
     scale, scale_note = _scale(request, foreign, agreement)
     forward, facing_note = _front(request, foreign, up, views, folder)
     turned = FileToWorld.upright(up, forward)
@@ -176,26 +177,40 @@ def placed(
 
 
 def _contradictions(
-    request: ImportRequest, views: Sequence[TakenView], agreement: Agreement
+    request: ImportRequest,
+    cameras: Sequence[Camera],
+    views: Sequence[TakenView],
+    agreement: Agreement,
 ) -> list[str]:
     """Doubts about photos and cameras; refused where they do not belong together."""
-    if agreement.mean >= _CERTAIN_IOU:
+    if min(agreement.iou) >= _CERTAIN_IOU:
         return []
-    masks = [view.coverage for view in views]
-    other = other_reading([view.camera for view in views], masks, agreement.mean)
+    masks, names = [view.coverage for view in views], [view.photo.name for view in views]
+    is_sure = agreement.mean >= _CERTAIN_IOU
+    other = None if is_sure else other_reading([v.camera for v in views], masks, agreement.mean)
+    odd = {} if other or agreement.bounds is None else odd_views(cameras, masks)
     hint = f"They would agree ({other.iou:.3f}) if {other.name}" if other else _CHECK
+    what, least = "photos and cameras contradict each other: ", agreement.mean
     if agreement.bounds is None:
-        what = f"photos and cameras contradict each other: {agreement.reason}"
-        raise DataError(what, hint=hint)
-    worst = int(np.argmin(agreement.iou))
-    what = (
-        "photos and cameras contradict each other: the hull of all silhouettes covers them with "
-        f"an IoU of {agreement.mean:.3f} in the mean, {agreement.iou[worst]:.3f} in "
-        f"{views[worst].photo.name}"
-    )
-    if (other or agreement.mean < _LEAST_IOU) and not request.accept:
+        raise DataError(what + agreement.reason, hint=hint)
+    if odd and min(odd.values()) < _DOUBTFUL_IOU:
+        least = min(odd.values())
+        what += "all other silhouettes agree without those of " + ", ".join(
+            f"{names[view]}, which their hull covers with an IoU of {iou:.3f}"
+            for view, iou in odd.items()
+        )
+    elif other or agreement.mean < _DOUBTFUL_IOU:
+        worst = int(np.argmin(agreement.iou))
+        what += (
+            f"the hull of all silhouettes covers them with an IoU of {agreement.mean:.3f} in the "
+            f"mean, {agreement.iou[worst]:.3f} in {names[worst]}"
+        )
+    else:
+        return []
+    refused = other is not None or least < _LEAST_IOU
+    if refused and not request.accept:
         raise DataError(what, hint=f"{hint}. --accept imports them all the same")
-    return [f"{what}. {hint}"] if other or agreement.mean < _DOUBTFUL_IOU else []
+    return [f"{what}. {hint}"]
 
 
 def _scale(

@@ -17,10 +17,10 @@ from harness.core.process.workers import worker_main
 from harness.data.captures.reading import read_cameras
 from harness.data.captures.views import ForeignCameras
 from harness.pipeline.importing.align_world import Placed, check_scale, found_up, placed
-from harness.pipeline.importing.load_photos import TakenViews, take_photos
+from harness.pipeline.importing.load_photos import LoadRules, TakenViews, take_photos
 from harness.pipeline.importing.masks import mask_maker
 from harness.pipeline.importing.matching import matched_photos
-from harness.pipeline.importing.request import Imported, ImportRequest
+from harness.pipeline.importing.request import AUTO, ORIENTATIONS, Imported, ImportRequest
 
 _LEAST_PX = 64
 
@@ -39,11 +39,19 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
     """
     if request.longest_px < _LEAST_PX:
         raise HarnessError(f"--longest {request.longest_px}", expected=f"at least {_LEAST_PX}")
-    foreign = read_cameras(Path(request.cameras))
+    if request.mask_orientation not in (AUTO, *ORIENTATIONS):
+        what = f"--mask-orientation {request.mask_orientation}"
+        raise HarnessError(what, expected=f"{AUTO}, {' or '.join(ORIENTATIONS)}")
+    foreign = read_cameras(Path(request.cameras), Path(request.photos))
     check_scale(request, foreign)
     masks = Path(request.masks) if request.masks else None
-    maker = mask_maker(request.masks_by)
-    matched = matched_photos(Path(request.photos), foreign, masks)
+    rules = LoadRules(
+        request.longest_px,
+        mask_maker(request.masks_by),
+        request.incomplete,
+        mask_shown=ORIENTATIONS.get(request.mask_orientation),
+    )
+    matched = matched_photos(Path(request.photos), foreign, masks, incomplete=request.incomplete)
     if not request.replace:
         _keep_others(request, [photo.path for photo in matched.photos])
     used = replace(foreign, views=tuple(photo.view for photo in matched.photos))
@@ -53,7 +61,7 @@ def import_photos(request: ImportRequest, report: StepReport) -> Imported:
         exclusive_lock(directory.parent / f".{directory.name}.lock"),
         atomic_directory(directory) as folder,
     ):
-        taken = take_photos(matched.photos, up, request.longest_px, folder, report, maker)
+        taken = take_photos(matched.photos, up, folder, report, rules)
         found = placed(request, used, up, taken.views, folder)
         found = replace(found, notes=(up_note, *found.notes))
         warnings = (*matched.warnings, *taken.warnings, *found.warnings)

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats
 from harness.core.artifacts import image_name
 from harness.core.cameras.camera import Camera
-from harness.core.errors import DataError
+from harness.core.errors import DataError, listed
 from harness.core.files.hashing import file_sha256
 from harness.core.process.steps import StepReport
-from harness.data.captures.pictures import TakenPhoto, read_photo
+from harness.data.captures.pictures import (
+    READINGS,
+    Reading,
+    TakenPhoto,
+    fitting_readings,
+    picture_facts,
+    read_photo,
+)
 from harness.geometry.images import load_rgba, save_png
 from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
+from harness.pipeline.importing.agreement import hull_agreement
 from harness.pipeline.importing.masks import (
     MaskMaker,
     by_mediapipe,
@@ -26,7 +35,12 @@ from harness.pipeline.importing.masks import (
     shows_others,
 )
 from harness.pipeline.importing.matching import MatchedPhoto
-from harness.pipeline.importing.world import quarters_upright
+from harness.pipeline.importing.world import FileToWorld, quarters_upright
+
+Made = TypeVar("Made")
+
+#: Readings of turned photos are tried on small pictures; such differences tell nothing.
+_TRIED_PX, _TIED = 320, 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,60 +84,170 @@ class TakenViews:
     warnings: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class LoadRules:
+    """How photos are loaded.
+
+    Attributes:
+        longest_px: Pictures with a longer side are made smaller.
+        maker: Makes the masks that are missing; MediaPipe if none is given.
+        incomplete: Whether photos that show no person may be left out.
+        camera_shown: Whether cameras of photos that their files turn are of what viewers show; None
+            lets sizes and agreement tell.
+        mask_shown: Whether masks of such photos are.
+    """
+
+    longest_px: int
+    maker: MaskMaker | None = None
+    incomplete: bool = False
+    camera_shown: bool | None = None
+    mask_shown: bool | None = None
+
+
 def take_photos(
     photos: Sequence[MatchedPhoto],
     up: Floats,
-    longest_px: int,
     folder: Path,
     report: StepReport,
-    maker: MaskMaker | None = None,
+    rules: LoadRules,
 ) -> TakenViews:
-    """Write the photos' pictures below ``folder``; a photo without a person is left out.
+    """Write the photos' pictures below ``folder``.
 
     Args:
         photos: With their cameras.
         up: (3,) in the world of the cameras.
-        longest_px: Pictures with a longer side are made smaller.
         folder: Of the capture.
         report: Called after every photo.
-        maker: Makes the masks that are missing; MediaPipe if none is given.
+        rules: How they are loaded.
 
     Raises:
-        DataError: a photo or mask that cannot be read, or no photo that shows a person.
+        DataError: photos or masks that cannot be read, or that show no person.
         MissingPart: masks have to be made, and what makes them is not installed.
     """
-    maker = maker or by_mediapipe()
+    maker = rules.maker or by_mediapipe()
+    reading, warnings = _reading(photos, up, rules, maker)
     views: list[TakenView] = []
-    warnings: list[str] = []
-    for number, photo in enumerate(photos):
-        taken = read_photo(photo.path, photo.view, photo.mask)
-        taken = taken.turned(quarters_upright(taken.camera, up)).resized(longest_px)
+    empty: list[str] = []
+    inverted: list[str] = []
+
+    def take(photo: MatchedPhoto) -> None:
+        taken = _upright(photo, up, reading).resized(rules.longest_px)
         coverage, mask_from = _coverage(taken, photo, maker)
         coverage = np.minimum(coverage, taken.shown)
         if (coverage >= 128).any():
-            picture = np.dstack([taken.rgb, coverage])
-            save_png(folder / image_name(len(views)), picture)
+            save_png(folder / image_name(len(views)), np.dstack([taken.rgb, coverage]))
             sha256 = file_sha256(photo.path)
+            views.append(TakenView(photo, taken.camera, coverage, mask_from, sha256))
+            inverted.extend([photo.name] if taken.inverted else [])
             chosen_by_maker = maker.chooses and mask_from == maker.title
             if chosen_by_maker and shows_others(taken.rgb, coverage):
                 warnings.append(
                     f"more than one person in {photo.name}: the one whom MediaPipe chose is kept; "
                     "give a mask if another is meant"
                 )
-            views.append(TakenView(photo, taken.camera, coverage, mask_from, sha256))
         else:
-            warnings.append(f"left out: {photo.name} shows no person, or its mask is empty")
-        report(number + 1, len(photos))
-    if not views:
+            empty.append(photo.name)
+        report(len(views) + len(empty), len(photos))
+
+    _of_each(photos, take)
+    warnings += _left_out(empty, len(photos), incomplete=rules.incomplete)
+    if inverted:
+        warnings.append(f"masks are white around the person, and were inverted: {listed(inverted)}")
+    views, chosen = _same_person(views)
+    for number, view in enumerate(views):
+        _only_the_person(folder / image_name(number), view)
+    return TakenViews(tuple(views), (*warnings, *chosen, *_cut(views)))
+
+
+def _of_each(photos: Sequence[MatchedPhoto], use: Callable[[MatchedPhoto], Made]) -> list[Made]:
+    """What ``use`` makes of each photo; all that cannot be used are told at once."""
+    made: list[Made] = []
+    faults: list[DataError] = []
+    for photo in photos:
+        try:
+            made.append(use(photo))
+        except DataError as error:
+            faults.append(error)
+    if len(faults) > 1:
+        what = f"{len(faults)} of {len(photos)} photos cannot be used"
+        raise DataError(f"{what}: {'; '.join(map(str, faults))}")
+    if faults:
+        raise faults[0]
+    return made
+
+
+def _left_out(empty: Sequence[str], count: int, *, incomplete: bool) -> list[str]:
+    """What to warn of where photos show no person."""
+    if len(empty) == count:
         raise DataError(
             "no photo shows a person",
             expected="photos with alpha, masks, or a person that is found in them",
             hint="Give masks with --masks FOLDER",
         )
-    views, chosen = _same_person(views)
-    for number, view in enumerate(views):
-        _only_the_person(folder / image_name(number), view)
-    return TakenViews(tuple(views), (*warnings, *chosen, *_cut(views)))
+    what = f"{len(empty)} of {count} photos show no person, or their masks are empty"
+    if empty and not incomplete:
+        raise DataError(f"{what}: {listed(empty)}", hint="Mend their masks, or leave these photos "
+                        "out with --incomplete")  # fmt: skip
+    return [f"{what}, and are left out: {listed(empty)}"] if empty else []
+
+
+def _upright(photo: MatchedPhoto, up: Floats, reading: Reading) -> TakenPhoto:
+    taken = read_photo(photo.path, photo.view, photo.mask, reading)
+    return taken.turned(quarters_upright(taken.camera, up))
+
+
+def _reading(
+    photos: Sequence[MatchedPhoto], up: Floats, rules: LoadRules, maker: MaskMaker
+) -> tuple[Reading, list[str]]:
+    """What cameras and masks of turned photos are of: sizes tell, else what agrees, else nothing.
+
+    Cameras are of stored pictures where both fit alike, since most programs see these.
+    """
+    fits = _of_each(photos, lambda photo: fitting_readings(photo.path, photo.view, photo.mask))
+    asked = (rules.camera_shown, rules.mask_shown)
+    allowed = [
+        reading
+        for reading in READINGS
+        if all(want in (None, own) for want, own in zip(asked, astuple(reading), strict=True))
+    ]
+    common = [reading for reading in allowed if all(reading in fit for fit in fits)]
+    if not common:
+        raise DataError(
+            "no one reading of photos that their files turn fits all sizes",
+            expected="cameras, and masks, all of stored pictures or all of what viewers show",
+            hint="Save the photos without an orientation tag, with cameras and masks of them",
+        )
+    turned = [photo for photo in photos if picture_facts(photo.path).turn.moves]
+    masked = any(photo.mask for photo in turned)
+    # Those that differ: masks of photos that are not turned, or have none, are the same either way.
+    common = [r for r in common if turned or r == common[0]]
+    common = [r for r in common if masked or r.mask_shown == common[0].mask_shown]
+    if len(common) == 1:
+        return common[0], []
+    scores = {reading: _agreement(photos, up, reading, maker) for reading in common}
+    close = [r for r in common if scores[r] > max(scores.values()) - _TIED]
+    found = [r for r in close if r.camera_shown == close[0].camera_shown]
+    if len(found) > 1:
+        raise DataError(
+            f"masks fit {listed([photo.name for photo in turned])} both as the files store them "
+            "and as viewers show them",
+            hint="Say --mask-orientation stored or shown, or save the photos without an "
+            "orientation tag",
+        )
+    words = {False: "as they are stored", True: "as viewers show them"}
+    return found[0], [
+        f"of photos that their files turn, cameras are taken {words[found[0].camera_shown]} and "
+        f"masks {words[found[0].mask_shown]}, because they agree best so"
+    ]
+
+
+def _agreement(
+    photos: Sequence[MatchedPhoto], up: Floats, reading: Reading, maker: MaskMaker
+) -> float:
+    taken = [_upright(photo, up, reading).resized(_TRIED_PX) for photo in photos]
+    masks = [_coverage(t, photo, maker)[0] for t, photo in zip(taken, photos, strict=True)]
+    upright = FileToWorld.upright(up)
+    return hull_agreement([upright.camera(t.camera) for t in taken], masks, coarse=True).mean
 
 
 def _coverage(taken: TakenPhoto, photo: MatchedPhoto, maker: MaskMaker) -> tuple[Bytes, str]:

@@ -18,6 +18,8 @@ _PHOTOS = "photos"
 AUTO = "auto"
 #: Where the origin may go.
 ORIGINS = ("subject", "file")
+#: Of which form of photos that their files turn masks may be; whether that is what viewers show.
+ORIENTATIONS = {"stored": False, "shown": True}
 #: Nobody is so small or so high: another unit. Metres.
 POSSIBLE_HEIGHT_M = (0.3, 3.0)
 
@@ -38,7 +40,7 @@ class ImportRequest:
     """Photos with cameras, and how their world is to become ours.
 
     Attributes:
-        photos: Folder with the photos.
+        photos: Folder with the photos, or with ``images`` that has them.
         cameras: File or folder with their cameras.
         masks: Folder with their masks; empty takes alpha, and where there is none makes masks.
         masks_by: The imported network that makes masks; empty is MediaPipe.
@@ -54,6 +56,8 @@ class ImportRequest:
         longest_px: Photos with a longer side are made smaller.
         accept: Whether photos that contradict their cameras are imported all the same.
         replace: Whether a capture of other photos may be there, and is replaced.
+        incomplete: Whether photos and masks that are named may be missing or empty.
+        mask_orientation: ``auto``, ``stored`` or ``shown``: of what masks of turned photos are.
     """
 
     photos: str
@@ -72,6 +76,8 @@ class ImportRequest:
     longest_px: int = 1920
     accept: bool = False
     replace: bool = False
+    incomplete: bool = False
+    mask_orientation: str = AUTO
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""
@@ -129,7 +135,7 @@ def import_capture(
             of which too little is known.
         MissingPart: MediaPipe is needed, and not installed.
     """
-    progress.expect(_PHOTOS, len(read_cameras(Path(request.cameras)).views))
+    progress.expect(_PHOTOS, len(read_cameras(Path(request.cameras), Path(request.photos)).views))
     answer = run_worker(
         _WORKER, request.to_dict(), progress=counted(progress, _PHOTOS), timeout_s=timeout_s
     )

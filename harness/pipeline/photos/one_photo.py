@@ -21,7 +21,7 @@ from harness.data.captures.pictures import picture_facts
 from harness.data.captures.views import ForeignView
 from harness.geometry.window import Window
 from harness.pipeline.importing.facing import stance_of
-from harness.pipeline.importing.load_photos import TakenView, take_photos
+from harness.pipeline.importing.load_photos import LoadRules, TakenView, take_photos
 from harness.pipeline.importing.matching import MatchedPhoto
 from harness.pipeline.importing.request import Imported, check_height
 
@@ -87,19 +87,19 @@ def import_one_photo(request: OnePhotoRequest) -> Imported:
     path = Path(request.photo)
     facts = picture_facts(path)
     field_deg, source = _field(request, facts.field_deg)
-    width, height = facts.size
+    width, height = facts.turn.size(facts.size)
     focal = max(width, height) / 2 / math.tan(math.radians(field_deg) / 2)
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     level = Camera(K, look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0]), width, height)
     mask = Path(request.mask) if request.mask else None
-    photo = MatchedPhoto(path, ForeignView(path.name, level), mask)
+    photo = MatchedPhoto(path, ForeignView(path.name, level), mask, path.name)
+    rules = LoadRules(request.longest_px, camera_shown=True)
     directory = Path(request.directory)
     with (
         exclusive_lock(directory.parent / f".{directory.name}.lock"),
         atomic_directory(directory) as folder,
     ):
-        taken = take_photos([photo], _as_shown(level, facts.quarters), request.longest_px,
-                            folder, silent)  # fmt: skip
+        taken = take_photos([photo], _UP, folder, silent, rules)
         view = taken.views[0]
         camera = _before_the_person(view, request.height_m)
         notes = _notes(camera, field_deg, source, request)
@@ -115,12 +115,6 @@ def assumes_camera(capture: Capture) -> bool:
     """Whether an imported capture is one photo, whose camera was assumed."""
     imported = capture.provenance.get("imported")
     return isinstance(imported, Mapping) and imported.get("cameras") == _ASSUMED
-
-
-def _as_shown(camera: Camera, quarters: int) -> np.ndarray:
-    """(3,) the direction that is up once the picture is turned as its file says."""
-    axes = (-camera.rotation[1], camera.rotation[0], camera.rotation[1], -camera.rotation[0])
-    return axes[quarters % 4]
 
 
 def _field(request: OnePhotoRequest, told_deg: float) -> tuple[float, str]:

@@ -9,8 +9,9 @@ import pytest
 
 import renderers.raycast
 from harness.core.artifacts import Capture
-from harness.core.cameras.frames import read_transforms_json
+from harness.core.cameras.frames import BLENDER_TO_WORLD
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
+from harness.data.captures.reading import read_cameras
 from harness.geometry.images import load_rgba
 from renderers.capture import CaptureInputs, capture
 
@@ -38,10 +39,11 @@ def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
     assert found.damage() == ""
     assert len(provenance["proof"]) == 3
     assert provenance["timings"]["render_s"] > 0
-    cameras, images = read_transforms_json(directory / "transforms.json")
-    assert images == ("rgb/00.png", "rgb/01.png", "rgb/02.png")
-    for one, other in zip(cameras, recipe.cameras(), strict=True):
-        assert np.allclose(one.world_to_camera, other.world_to_camera)
+    views = read_cameras(directory / "transforms.json").views
+    assert [view.image for view in views] == ["rgb/00.png", "rgb/01.png", "rgb/02.png"]
+    for view, other in zip(views, recipe.cameras(), strict=True):
+        camera = view.camera.in_frame(BLENDER_TO_WORLD)
+        assert np.allclose(camera.world_to_camera, other.world_to_camera)
 
 
 def test_the_key_changes_with_all_that_makes_the_pictures(recipe, scan):

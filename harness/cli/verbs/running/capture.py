@@ -48,6 +48,15 @@ MasksBy = Annotated[
         "Default: MediaPipe.",
     ),
 ]
+MaskOrientation = Annotated[
+    str,
+    typer.Option(
+        "--mask-orientation",
+        metavar="WHICH",
+        help="Whether masks of photos that their files turn are of the photo as stored or as shown "
+        "by viewers: stored or shown. By default size and agreement tell.",
+    ),
+]
 Name = Annotated[
     str, typer.Option("--name", metavar="NAME", help="Name of the capture. Default: DIR's name.")
 ]
@@ -98,7 +107,12 @@ Longest = Annotated[
 Accept = Annotated[
     bool, typer.Option("--accept", help="Import photos that contradict their cameras, too.")
 ]
-
+Incomplete = Annotated[
+    bool,
+    typer.Option(
+        "--incomplete", help="Import what is there where photos or masks are missing or empty."
+    ),
+]
 Replace = Annotated[
     bool, typer.Option("--replace", help="Replace a capture of that name, of other photos, too.")
 ]
@@ -110,6 +124,7 @@ def import_photos(
     cameras: Cameras = None,
     masks: Masks = None,
     masks_by: MasksBy = "",
+    mask_orientation: MaskOrientation = AUTO,
     name: Name = "",
     up: Up = AUTO,
     facing: Facing = AUTO,
@@ -118,6 +133,7 @@ def import_photos(
     origin: Origin = "subject",
     longest: Longest = 1920,
     accept: Accept = False,
+    incomplete: Incomplete = False,
     replace: Replace = False,
     timeout: Timeout = 3600.0,
     workspace: WorkspacePath = None,
@@ -129,10 +145,9 @@ def import_photos(
     said where masks came from, and how up, front and scale were found.
     """
     place, subject = Workspace.default(workspace), name or name_for(folder)
-    folder = photo_folder(folder)
     request = ImportRequest(
         photos=str(folder.resolve()),
-        cameras=str((cameras or find_cameras(folder)).resolve()),
+        cameras=str((cameras or find_cameras(photo_folder(folder))).resolve()),
         masks="" if masks is None else str(masks.resolve()),
         masks_by=masks_by,
         directory=str(place.capture(CAPTURES, subject, IMPORTED)),
@@ -147,6 +162,8 @@ def import_photos(
         longest_px=longest,
         accept=accept,
         replace=replace,
+        incomplete=incomplete,
+        mask_orientation=mask_orientation,
     )
     with shown_progress(quiet=as_json) as progress:
         made = import_capture(request, progress, limit_s(timeout))

@@ -1,10 +1,9 @@
-"""The border by example: the published file, nerfstudio and COLMAP, and what is refused."""
+"""The border by example: the published file, Blender's axes, and what is refused."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,7 @@ from harness.core.cameras.frames import (
     OPENCV_TO_BLENDER_CAMERA,
     camera_to_blender,
     quaternion_from_rotation,
-    read_colmap,
     read_published_cameras,
-    read_transforms_json,
     rotation_from_quaternion,
     write_colmap,
     write_transforms_json,
@@ -176,127 +173,9 @@ def test_blenders_camera_axes_differ_from_opencvs_by_a_half_turn_about_x() -> No
     np.testing.assert_allclose(-pose[:3, 2], [0, 1, 0], atol=1e-12)
 
 
-def nerfstudio(tmp_path: Path, change: Callable[[dict], object] | None = None) -> Path:
-    path = tmp_path / "transforms.json"
-    write_transforms_json(path, RIG[:2], ["rgb/00.png", "rgb/01.png"])
-    document = json.loads(path.read_text())
-    if change is not None:
-        change(document)
-    return write(path, document)
-
-
-def test_intrinsics_may_stand_once_for_all_frames(tmp_path: Path) -> None:
-    def share(document: dict) -> None:
-        for frame in document["frames"]:
-            for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
-                document[key] = frame.pop(key)
-        del document["fl_y"]
-
-    cameras, images = read_transforms_json(nerfstudio(tmp_path, share))
-
-    assert images == ("rgb/00.png", "rgb/01.png")
-    np.testing.assert_allclose(cameras[1].K, RIG[1].K)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda d: d.update(k1=0.01), "lens distortion .*got k1.*Undistort"),
-        (lambda d: d["frames"][1].update(p2=-0.1), "lens distortion .*got p2"),
-        (lambda d: d.update(camera_model="OPENCV_FISHEYE"), "OPENCV_FISHEYE.*Undistort"),
-        (lambda d: d.pop("frames"), "not a nerfstudio .*KeyError: 'frames'"),
-        (lambda d: d["frames"][0].pop("fl_x"), "not a nerfstudio .*KeyError: 'fl_x'"),
-        (lambda d: d["frames"][0].pop("file_path"), "not a nerfstudio .*'file_path'"),
-        (lambda d: d["frames"][0].update(transform_matrix=[[1, 0], [0, 1]]), "not a nerfstudio"),
-        (lambda d: d["frames"][0].update(transform_matrix=3), "not a nerfstudio"),
-        (lambda d: d["frames"][0].update(cx="middle"), "not a nerfstudio"),
-        (lambda d: d["frames"].append("rgb/02.png"), "not a nerfstudio"),
-        (lambda d: d["frames"][0].update(w=0), "transforms.json: camera has no pixels"),
-        (
-            lambda d: d["frames"][0].update(transform_matrix=np.diag([2.0, 2, 2, 1]).tolist()),
-            "transforms.json: camera world_to_camera is not rigid",
-        ),
-    ],
-)
-def test_broken_or_bent_nerfstudio_files_are_refused(
-    tmp_path: Path, change: Callable[[dict], object], message: str
-) -> None:
-    path = nerfstudio(tmp_path, change)
-
-    with pytest.raises(DataError, match=message):
-        read_transforms_json(path)
-
-
-def test_zero_distortion_is_a_pinhole(tmp_path: Path) -> None:
-    path = nerfstudio(tmp_path, lambda d: d.update(k1=0.0, k2=0, p1=0.0, camera_model="RADIAL"))
-
-    assert len(read_transforms_json(path)[0]) == 2
-
-
 def test_as_many_images_as_cameras(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="shorter"):
         write_transforms_json(tmp_path / "t.json", RIG, ["one.png"])
     with pytest.raises(ValueError, match="shorter"):
         write_colmap(tmp_path, RIG, ["one.png"])
     assert list(tmp_path.iterdir()) == []
-
-
-#: As COLMAP writes it: a camera shared by two images, ids out of order, 2-D points.
-CAMERAS_TXT = """\
-# Camera list with one line of data per camera:
-1 SIMPLE_PINHOLE 64 48 100 32 24
-7 PINHOLE 64 48 100 110 32 24
-"""
-IMAGES_TXT = """\
-# Image list with two lines of data per image:
-
-2 1 0 0 0 0 0 3 7 b.png
-10.5 11.5 -1 20.0 21.0 5
-1 0.5 0.5 0.5 0.5 1 2 3 1 a picture.png
-
-"""
-
-
-def colmap(folder: Path, cameras: str = CAMERAS_TXT, images: str = IMAGES_TXT) -> Path:
-    (folder / "cameras.txt").write_text(cameras)
-    (folder / "images.txt").write_text(images)
-    return folder
-
-
-def test_a_colmap_model_is_read_in_order_of_image_id(tmp_path: Path) -> None:
-    (first, second), names = read_colmap(colmap(tmp_path))
-
-    assert names == ("a picture.png", "b.png")
-    assert first.K.tolist() == [[100, 0, 32], [0, 100, 24], [0, 0, 1]]
-    assert second.K[1, 1] == 110
-    np.testing.assert_allclose(first.world_to_camera[:3, 3], [1, 2, 3])
-    np.testing.assert_allclose(first.rotation, [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-12)
-    np.testing.assert_allclose(second.position, [0, 0, -3])
-
-
-@pytest.mark.parametrize(
-    ("cameras", "images", "message"),
-    [
-        ("1 OPENCV 64 48 1 1 1 1 0 0 0 0\n", IMAGES_TXT, "model OPENCV .*image_undistorter"),
-        ("1 PINHOLE 64 48 100 100\n", IMAGES_TXT, "not a COLMAP text model"),
-        ("1 SIMPLE_PINHOLE 64 48\n", IMAGES_TXT, "not a COLMAP text model"),
-        ("1 PINHOLE wide 48 100 100 1 1\n", IMAGES_TXT, "not a COLMAP text model"),
-        ("2 PINHOLE 64 48 100 100 1 1\n", IMAGES_TXT, "not a COLMAP text model .*KeyError: '7'"),
-        (CAMERAS_TXT, "1 1 0 0 0 0 0\n\n", "not a COLMAP text model"),
-        (CAMERAS_TXT, "1 0 0 0 0 0 0 0 1 a.png\n\n", "images.txt: not a quaternion"),
-        (CAMERAS_TXT, "1 1 0 0 0 0 0 nan 1 a.png\n\n", "images.txt: camera world_to_camera"),
-    ],
-)
-def test_broken_or_bent_colmap_models_are_refused(
-    tmp_path: Path, cameras: str, images: str, message: str
-) -> None:
-    with pytest.raises(DataError, match=message):
-        read_colmap(colmap(tmp_path, cameras, images))
-
-
-def test_a_colmap_model_needs_both_files(tmp_path: Path) -> None:
-    colmap(tmp_path)
-    (tmp_path / "images.txt").unlink()
-
-    with pytest.raises(DataError, match="FileNotFoundError"):
-        read_colmap(tmp_path)

@@ -16,9 +16,11 @@ from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError
 from harness.core.process.steps import silent
 from harness.core.protocols import Context, MethodInfo
+from harness.data.captures.views import ForeignCameras, ForeignView
 from harness.geometry.images import load_rgba
 from harness.pipeline.importing.importing import import_photos
 from harness.pipeline.importing.masks import cut_sides, one_person
+from harness.pipeline.importing.matching import matched_photos
 from harness.pipeline.importing.request import ImportRequest
 from harness.pipeline.importing.world import (
     FileToWorld,
@@ -29,6 +31,7 @@ from harness.pipeline.importing.world import (
 from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture
 from methods.hull import HullSettings, VisualHull
+from tests.unit.data.test_capture_files import save_turned, stored_as
 
 #: The front is -Y where the world has +Z up, and +Z where it has +Y up, as COLMAP's files here.
 FRONT = {"colmap-binary": "+z", "colmap-text": "+z", "nerfstudio": "-y", "published": "-y"}
@@ -186,12 +189,90 @@ def test_another_convention_of_cameras_is_told(native, tmp_path):
         import_photos(request(folder, tmp_path / "in", cameras=path, facing="-y"), silent)
 
 
-def test_a_photo_that_is_not_there_is_left_out_and_said_so(native, tmp_path):
+# What is there, and what is not
+
+
+def test_a_photo_that_is_not_there_is_told_and_left_out_where_asked(native, tmp_path):
     folder = exported(native, tmp_path / "out")
-    (folder / "images" / "003.png").unlink()
+    for name in ("003.png", "005.png"):
+        (folder / "images" / name).unlink()
+    asked = request(folder, tmp_path / "in")
+    with pytest.raises(DataError, match=r"2 of 8 photos .*: 003.png, 005.png .*--incomplete"):
+        import_photos(asked, silent)
+    made = import_photos(replace(asked, incomplete=True), silent)
+    assert made.views == 6
+    assert "2 of 8 photos" in made.warnings[0]
+
+
+@pytest.mark.parametrize("place", ["images/003.png", "003.png", "images/cam3/002.png"])
+def test_a_photo_of_the_same_name_elsewhere_is_never_taken(native, tmp_path, place):
+    """Each camera has its folder; that of camera 3 is empty, and its photo lies elsewhere."""
+    folder = exported(native, tmp_path / "out", cameras="nerfstudio")
+    path = folder / "transforms.json"
+    document = json.loads(path.read_text())
+    for number, frame in enumerate(document["frames"]):
+        photo, frame["file_path"] = folder / frame["file_path"], f"images/cam{number}/003.png"
+        (folder / frame["file_path"]).parent.mkdir()
+        photo.rename(folder / frame["file_path"])
+    path.write_text(json.dumps(document))
+    asked = request(folder, tmp_path / "in", cameras=path, facing="-y")
+    assert import_photos(asked, silent).views == 8
+    (folder / "images" / "cam3" / "003.png").rename(folder / place)
+    with pytest.raises(DataError, match=r"1 of 8 photos .*: images/cam3/003.png"):
+        import_photos(asked, silent)
+
+
+def test_photos_with_two_cameras_or_none_are_told(native, tmp_path):
+    folder = exported(native, tmp_path / "out")
+    Image.new("RGB", (90, 160)).save(folder / "images" / "spare.png")
     made = import_photos(request(folder, tmp_path / "in"), silent)
-    assert made.views == 7
-    assert "003.png" in made.warnings[0]
+    assert "1 photos have no camera: spare.png" in made.warnings
+    images = folder / "sparse" / "0" / "images.txt"
+    (folder / "sparse" / "0" / "images.bin").unlink(missing_ok=True)
+    write_colmap(
+        images.parent, native.cameras, ["000.png", "000", *(f"{n:03d}.png" for n in range(2, 8))]
+    )
+    with pytest.raises(DataError, match=r"two cameras for the photo 000.png.*'000.png' and '000'"):
+        import_photos(request(folder, tmp_path / "in", cameras=images), silent)
+
+
+@pytest.mark.parametrize("by_option", [True, False])
+def test_masks_that_are_not_there_are_told_by_name(native, tmp_path, by_option):
+    folder = exported(native, tmp_path / "out", cameras="nerfstudio", masks=True)
+    path = folder / "transforms.json"
+    for name in ("001.png", "003.png"):
+        (folder / "masks" / name).unlink()
+    if not by_option:
+        document = json.loads(path.read_text())
+        for frame in document["frames"]:
+            frame["mask_path"] = frame["file_path"].replace("images", "masks")
+        path.write_text(json.dumps(document))
+    asked = request(folder, tmp_path / "in", cameras=path, facing="-y")
+    asked = replace(asked, masks=str(folder / "masks")) if by_option else asked
+    with pytest.raises(DataError, match=r"2 of 8 photos have no mask .*: 001.png, 003.png"):
+        import_photos(asked, silent)
+    made = import_photos(replace(asked, incomplete=True), silent)
+    assert (made.views, len(made.warnings)) == (8, 1)
+    views = Capture.load(made.path).provenance["imported"]["views"]
+    assert [view["mask"] for view in views][:3] == [
+        "a mask file",
+        "the photo's alpha",
+        "a mask file",
+    ]
+
+
+def test_masks_lie_in_folders_as_photos_do(tmp_path):
+    """A mask that lies beside all folders is that of no photo, where photos share one name."""
+    views = tuple(ForeignView(f"cam{n}/a.png", RingRig(views=1).cameras(30, 40)[0]) for n in (0, 1))
+    foreign = ForeignCameras(tmp_path / "photos" / "transforms.json", "nerfstudio", views)
+    blank = ["photos/cam0/a.png", "photos/cam1/a.png", "masks/cam0/a.png", "masks/a.png"]
+    for path in (tmp_path / name for name in blank):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"")
+    with pytest.raises(DataError, match=r"1 of 2 photos have no mask .*: cam1/a.png"):
+        matched_photos(tmp_path / "photos", foreign, tmp_path / "masks")
+    found = matched_photos(tmp_path / "photos", foreign, tmp_path / "masks", incomplete=True)
+    assert [photo.mask for photo in found.photos] == [tmp_path / "masks/cam0/a.png", None]
 
 
 def test_an_empty_mask_and_a_cut_person_are_said(native, tmp_path):
@@ -202,10 +283,101 @@ def test_an_empty_mask_and_a_cut_person_are_said(native, tmp_path):
     mask[130:] = mask[130]
     Image.fromarray(mask).save(folder / "masks" / "001.png")
     asked = replace(request(folder, tmp_path / "in"), masks=str(folder / "masks"))
-    made = import_photos(asked, silent)
+    with pytest.raises(DataError, match=r"1 of 8 photos show no person.*: 002.png.*--incomplete"):
+        import_photos(asked, silent)
+    made = import_photos(replace(asked, incomplete=True, accept=True), silent)
     assert made.views == 7
-    assert "002.png shows no person" in made.warnings[0]
+    assert "left out: 002.png" in made.warnings[0]
     assert "cuts the person in 001.png (bottom)" in made.warnings[1]
+
+
+def test_all_masks_that_are_none_are_told_at_once(native, tmp_path):
+    folder = exported(native, tmp_path / "out", masks=True)
+    for name in ("002.png", "006.png"):
+        Image.fromarray(np.full((160, 90), 255, np.uint8)).save(folder / "masks" / name)
+    asked = replace(request(folder, tmp_path / "in"), masks=str(folder / "masks"))
+    with pytest.raises(DataError, match=r"2 of 8 photos .*002.png says.*006.png says"):
+        import_photos(asked, silent)
+
+
+# Each photo by the hull of the others
+
+
+def small(mask):
+    return np.where(np.arange(160)[:, None] < 70, 0, mask)
+
+
+def large(mask):
+    return np.maximum(mask, np.where(np.abs(np.arange(90) - 45) < 15, 255, 0))
+
+
+def aside(mask):
+    return np.roll(mask, 14, axis=1)
+
+
+def overhead(mask):
+    return mask[::-1]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{1: small}, {2: large}, {3: aside}, {5: overhead}, {2: small, 7: large}]
+)
+def test_each_mask_is_judged_by_those_of_the_others(native, tmp_path, wrong):
+    folder = exported(native, tmp_path / "out", masks=True)
+    for view, change in wrong.items():
+        path = folder / "masks" / f"{view:03d}.png"
+        mask = np.ascontiguousarray(change(np.asarray(Image.open(path)))).astype(np.uint8)
+        Image.fromarray(mask).save(path)
+    asked = replace(request(folder, tmp_path / "in"), masks=str(folder / "masks"))
+    with pytest.raises(DataError, match="contradict each other: all other .*--accept") as error:
+        import_photos(asked, silent)
+    named = {view for view in range(8) if f"{view:03d}.png" in str(error.value)}
+    assert named == set(wrong)
+    made = import_photos(replace(asked, accept=True), silent)
+    assert "contradict each other" in " ".join(made.warnings)
+
+
+# Photos that their files turn
+
+
+def turned_set(native, folder, orientation, *, mask_shown):
+    """Photos without alpha, stored as an EXIF orientation says, with cameras of what is shown."""
+    exported(native, folder, alpha=False, masks=True)
+    for path in (folder / "images").iterdir():
+        save_turned(path, orientation, stored_as(orientation, np.asarray(Image.open(path))))
+        mask = folder / "masks" / path.name
+        if not mask_shown:
+            pixels = stored_as(orientation, np.asarray(Image.open(mask)))
+            Image.fromarray(np.ascontiguousarray(pixels)).save(mask)
+    return folder
+
+
+@pytest.mark.parametrize("mask_shown", [True, False])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_turned_photos_and_their_masks_are_read_as_they_agree(
+    native, tmp_path, orientation, mask_shown
+):
+    folder = turned_set(native, tmp_path / "out", orientation, mask_shown=mask_shown)
+    asked = replace(request(folder, tmp_path / "in", origin="file"), masks=str(folder / "masks"))
+    capture = Capture.load(import_photos(asked, silent).path)
+    for view, true in enumerate(native.cameras):
+        np.testing.assert_allclose(capture.cameras[view].K, true.K, atol=1e-9)
+        found, drawn = (load_rgba(c.image_path(view))[..., 3] for c in (capture, native))
+        np.testing.assert_array_equal(found, drawn)
+
+
+def test_masks_that_fit_both_ways_are_asked_about(native, tmp_path):
+    """A ball looks alike when it is turned by half: nothing tells of which form its masks are."""
+    folder = turned_set(native, tmp_path / "out", 3, mask_shown=True)
+    x, y = np.meshgrid(np.arange(90) + 0.5 - 45, np.arange(160) + 0.5 - 80)
+    for path in (folder / "masks").iterdir():
+        Image.fromarray((255 * (np.hypot(x, y) < 30)).astype(np.uint8)).save(path)
+    asked = replace(request(folder, tmp_path / "in"), masks=str(folder / "masks"))
+    with pytest.raises(DataError, match="masks fit 000.png, .*--mask-orientation stored or shown"):
+        import_photos(asked, silent)
+    with pytest.raises(HarnessError, match="--mask-orientation up.*auto, stored or shown"):
+        import_photos(replace(asked, mask_orientation="up"), silent)
+    assert import_photos(replace(asked, mask_orientation="shown", accept=True), silent).views == 8
 
 
 # The world
