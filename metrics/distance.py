@@ -2,24 +2,27 @@
 
 Points are drawn on both surfaces. How far the predicted ones lie from the true surface is the
 accuracy; how far the true ones lie from the predicted surface is the completeness, which alone
-punishes holes. Chamfer combines both directions. Nothing here moves, scales or crops anything.
+punishes holes. ICON, ECON and their heirs call the completeness "P2S", PIFu the accuracy.
+
+Chamfer is half of each direction. From points to *surfaces* two perfect copies score 0. From points
+to *points* they score a sampling floor, on a single flat sheet of area A::
+
+    500 * sqrt(A / N)    (Clark & Evans, Ecology 35, 1954)
+
+in mm for N points; less where sheets lie closer together than points, as clothes on skin do; about
+4 mm for a person.
 
 Before: ``methods/hull.py``. After: ``harness/pipeline/run/evaluate.py``.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Ints
 from harness.core.results import MetricValue
-from harness.core.units import MM_PER_METRE, Unit
+from harness.core.units import MM_PER_METRE
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
-from metrics.sampling import Sampling, sample_mean
-
-_MM = Unit.millimetre.value
 
 
 def nearest_surface_mm(points: Floats, surface: SurfaceIndex) -> tuple[SurfacePoints, Floats]:
@@ -31,73 +34,38 @@ def nearest_surface_mm(points: Floats, surface: SurfaceIndex) -> tuple[SurfacePo
     return closest, distances * MM_PER_METRE
 
 
-def nearest_sample_mm(points: Floats, targets: Floats) -> Floats:
-    """(N,) how far the nearest of (M, 3) target points is from each of (N, 3) points, in mm."""
+def nearest_samples(points: Floats, targets: Floats) -> tuple[Floats, Ints]:
+    """(N,) how far the nearest of (M, 3) target points is from each of (N, 3), and which it is."""
     from scipy.spatial import KDTree
 
-    distances, _ = KDTree(targets).query(points, workers=-1)
-    return distances * MM_PER_METRE
+    distances, which = KDTree(targets).query(points, workers=-1)
+    return distances, np.asarray(which, dtype=np.int64)
 
 
-def point_to_surface(distances_mm: Floats, sampling: Sampling) -> MetricValue:
-    """Mean distance from one surface to the other, in mm.
-
-    With s drawn by area on one surface S, and T the other::
-
-        1000 * mean_s min_{t in T} |s - t|
-
-    It is the *accuracy* if S is the prediction and T the truth, and the *completeness* the other
-    way round. Two perfect copies score 0.
-
-    Source: MExECON, "P2S Acc." and "P2S Comp."; ICON and ECON call the second alone "P2S".
-    """
-    return sample_mean(distances_mm, _MM, sampling)
-
-
-def chamfer_point_to_surface(accuracy: MetricValue, completeness: MetricValue) -> MetricValue:
-    """The mean of accuracy and completeness, in mm; two perfect copies score 0.
-
-    Source: ICON and ECON, whose values are in cm of a normalised body.
-    """
-    return _mean_of_directions(accuracy, completeness)
-
-
-def chamfer_sample_to_sample(predicted: Floats, truth: Floats) -> MetricValue:
-    """Mean distance from each sample to the nearest sample of the other surface, in mm.
-
-    With P and G the points drawn on the predicted and the true surface::
-
-        1000 * ( mean_p min_{g in G} |p - g|  +  mean_g min_{p in P} |g - p| ) / 2
-
-    It exceeds the mean of accuracy and completeness, since the nearest sample is farther than the
-    nearest point of the surface. Two perfect copies score a sampling floor, on a single flat sheet
-    of area A
-
-        500 * sqrt(A / N)    (Clark & Evans, Ecology 35, 1954)
-
-    in mm for N points; less where sheets lie closer together than points, as clothes on skin do;
-    about 4 mm for a person. The targets being random as well, the standard error counts both
-    directions as if they erred together.
+def mean_of_directions(there: MetricValue, back: MetricValue, *, together: bool) -> MetricValue:
+    """Half of each direction, as in every Chamfer distance here; not their sum.
 
     Args:
-        predicted: (N, 3) independent points on the predicted surface, metres.
-        truth: (N, 3) points sampled in the same way on the true surface.
-
-    Source: MExECON, "Chamfer", as in the authors' evaluation code.
+        there: Of the predicted points.
+        back: Of the true ones.
+        together: Whether the two err together, as where the targets of one direction are the
+            points of the other; otherwise they err independently of each other.
     """
-    there = sample_mean(nearest_sample_mm(predicted, truth), _MM, "independent")
-    back = sample_mean(nearest_sample_mm(truth, predicted), _MM, "independent")
-    return replace(
-        _mean_of_directions(there, back),
-        standard_error=(there.standard_error + back.standard_error) / 2,
-    )
-
-
-def _mean_of_directions(there: MetricValue, back: MetricValue) -> MetricValue:
-    """Half of each, as if they erred independently of each other."""
+    errors = there.standard_error, back.standard_error
     return MetricValue(
         value=(there.value + back.value) / 2,
         unit=there.unit,
         n=there.n + back.n,
-        standard_error=float(np.hypot(there.standard_error, back.standard_error)) / 2,
+        standard_error=sum(errors) / 2 if together else float(np.hypot(*errors)) / 2,
     )
+
+
+def harmonic_mean(there: MetricValue, back: MetricValue) -> MetricValue:
+    """An F-score of two shares; 0 where both are."""
+    (p, r), total = (there.value, back.value), there.value + back.value
+    if not total:
+        return MetricValue(0.0, there.unit, there.n + back.n, 0.0)
+    # By how much F changes with each share.
+    slopes = 2 * r**2 / total**2, 2 * p**2 / total**2
+    error = np.hypot(slopes[0] * there.standard_error, slopes[1] * back.standard_error)
+    return MetricValue(2 * p * r / total, there.unit, there.n + back.n, float(error))

@@ -12,14 +12,15 @@ from typing import Literal
 
 import numpy as np
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError
-from harness.core.results import MetricValue, NormalSummary
-from harness.core.units import Unit
+from harness.core.results import NormalSummary
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
-from metrics.sampling import Sampling, sample_mean
 
 NormalWeights = Literal["barycentric", "permuted"]
+
+#: A corner of less weight than this has none: the point lies on the opposite edge.
+_ON_EDGE = 1e-7
 
 
 def angles_deg(first: Floats, second: Floats) -> Floats:
@@ -67,18 +68,43 @@ def compared(errors_deg: Floats) -> Floats:
     return known
 
 
-def normal_error(errors_deg: Floats, sampling: Sampling) -> MetricValue:
-    """Mean angle between the normals of the predicted samples and of their closest true points.
+def face_cosines(mine: Floats, true: Floats) -> Floats:
+    """(N,) absolute cosines between (N, 3) vectors; 1 where one has no direction, as X-Avatar."""
+    lengths = np.linalg.norm(mine, axis=1) * np.linalg.norm(true, axis=1)
+    along = np.abs(np.einsum("ij,ij->i", mine, true))
+    return np.divide(along, lengths, out=np.ones_like(along), where=lengths > 0)
 
-    In degrees; over the predicted samples alone, as published, and of these over those that have
-    normals to compare.
 
-    Source: MExECON, "Normal".
+def facing_faces(surface: SurfaceIndex, closest: SurfacePoints, points: Floats) -> Ints:
+    """(N,) the face that trimesh names for the closest point of each of (N, 3) points.
 
-    Raises:
-        DataError: no sample has.
+    Where that lies on an edge or at a vertex, two faces are equally close; of these it is the one
+    that faces the point more.
     """
-    return sample_mean(compared(errors_deg), Unit.degree.value, sampling)
+    faces = surface.corners.astype(np.int64)
+    shared = np.flatnonzero((closest.barycentric <= _ON_EDGE).any(axis=1))
+    used = np.zeros(int(faces.max()) + 1, dtype=bool)
+    used[faces[closest.faces[shared]]] = True
+    # Faces that touch a face in question, by each of their edges and vertices.
+    near = np.flatnonzero(used[faces].any(axis=1) & (surface.face_areas > 0))
+    ends = np.sort(faces[near][:, [0, 1, 1, 2, 2, 0, 0, 0, 1, 1, 2, 2]].reshape(-1, 2), axis=1)
+    keys, owner = ends[:, 0] * len(used) + ends[:, 1], np.repeat(near, 6)
+    order = np.argsort(keys, kind="stable")
+    keys, owner = keys[order], owner[order]
+    # What a closest point lies on: the corners that have weight, one of them twice at a vertex.
+    corners = np.where(closest.barycentric[shared] > _ON_EDGE, faces[closest.faces[shared]], -1)
+    high = corners.max(axis=1)
+    low = np.where(corners >= 0, corners, len(used)).min(axis=1)
+    first = np.searchsorted(keys, low * len(used) + high)
+    second = np.minimum(first + 1, len(keys) - 1)
+    second = np.where(keys[second] == keys[first], second, first)
+    rivals = np.stack([owner[first], owner[second]], axis=1)
+    normals = surface.face_vectors[rivals] / surface.face_areas[rivals][..., None]
+    away = points[shared] - closest.points[shared]
+    best = np.einsum("nkc,nc->nk", normals, away).argmax(axis=1)
+    found = np.array(closest.faces, dtype=np.int64)
+    found[shared] = rivals[np.arange(len(shared)), best]
+    return found
 
 
 def normal_summary(errors_deg: Floats, back_errors_deg: Floats) -> NormalSummary:

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Ints
 from harness.core.results import MetricValue
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 
-Sampling = Literal["independent", "stratified"]
+Sampling = Literal["independent", "stratified", "even"]
 
 _MORTON_BITS = 21
 
@@ -23,7 +23,9 @@ def sample_surface(
 
     Independent points know nothing of each other. Stratified ones divide the surface into ``count``
     pieces of equal area and draw one point in each; the pieces follow a space-filling curve, so
-    that they are compact and the points cover the surface evenly.
+    that they are compact and the points cover the surface evenly. Even ones are what is left of
+    three times as many independent ones when of two that are too close one goes, as in trimesh's
+    ``sample_surface_even``; there may be fewer than ``count``.
 
     Args:
         surface: Its mesh is sampled; faces without area are never drawn.
@@ -32,6 +34,10 @@ def sample_surface(
         seed: Equal seeds on equal meshes give equal points.
     """
     generator = np.random.default_rng(seed)
+    if sampling == "even":
+        drawn = sample_surface(surface, 3 * count, "independent", seed)
+        chosen = _apart(drawn.points, surface.area / (3 * count), generator)[:count]
+        return surface.at(drawn.faces[chosen], drawn.barycentric[chosen])
     areas = surface.face_areas
     if sampling == "stratified":
         order = np.argsort(_morton_codes(_centroids(surface)))
@@ -67,6 +73,20 @@ def sample_mean(values: Floats, unit: str, sampling: Sampling) -> MetricValue:
         n=count,
         standard_error=float(np.sqrt(variance / count)),
     )
+
+
+def _apart(points: Floats, area: float, generator: np.random.Generator) -> Ints:
+    """Points, in random order, that are left when pairs nearer than the root of ``area`` lose one.
+
+    It is the one that is in more such pairs that goes, all at once, as in trimesh.
+    """
+    from scipy.spatial import KDTree
+
+    order = generator.permutation(len(points))
+    pairs = KDTree(points[order]).query_pairs(np.sqrt(area), output_type="ndarray")
+    partners = np.bincount(pairs.ravel(), minlength=len(points))
+    goes = pairs[np.arange(len(pairs)), partners[pairs].argmax(axis=1)]
+    return np.delete(order, goes)
 
 
 def _uniform_barycentric(count: int, generator: np.random.Generator) -> Floats:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError, HarnessError
-from harness.core.files.hashing import derive_seed
 from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
+from harness.core.protocol_stages import UNALIGNED, Aligned
 from harness.core.results import Diagnostics, MetricValue
 from harness.core.settings import MetricProtocol
-from harness.geometry.surface import SurfaceIndex, SurfacePoints
+from harness.core.units import MM_PER_METRE
 from metrics.diagnostics import (
     describe_distances,
     describe_mesh,
@@ -22,24 +21,16 @@ from metrics.diagnostics import (
     f_scores,
     winding_warnings,
 )
-from metrics.distance import (
-    chamfer_point_to_surface,
-    chamfer_sample_to_sample,
-    nearest_surface_mm,
-    point_to_surface,
-)
-from metrics.normals import (
-    NormalWeights,
-    angles_deg,
-    compared,
-    normal_error,
-    normal_summary,
-    normals_at,
-    weighted,
-)
+from metrics.normals import compared, normal_summary
+from metrics.pair import Pair, Placed
 from metrics.placement import check_scale_and_place, check_turn, unit_warnings
-from metrics.sampling import sample_surface
+from metrics.summary import measured, normal_angles
 
+#: What the truth itself does not score 0 or 1 in, because of points or edges.
+_WITH_FLOOR = frozenset({"samples", "sample_cosine", "surface_cosine", "edges", "thinned"})
+#: Where axes are looked at, with fewer points than the first, so many are drawn for that alone.
+_TELLING = 10_000
+_TURN_SAMPLES: dict[str, Any] = {"samples": 30_000, "sampling": "independent"}
 #: What becomes of a prediction in another unit, place or frame: an error, or a warning.
 Misplaced = Literal["refuse", "tell"]
 
@@ -70,8 +61,10 @@ class Score:
 
     Attributes:
         protocol: How the numbers were made; numbers of different protocols are not comparable.
-        metrics: ``chamfer``, ``p2s_accuracy``, ``p2s_completeness`` and ``normal_error``.
-        diagnostics: Percentiles, F-scores and what the meshes are like.
+        metrics: Those of the protocol's summary, by key.
+        diagnostics: Percentiles, F-scores and what the meshes are like; None under protocols that
+            compare no smooth normals.
+        alignment: What was done to the prediction first.
         warnings: What a reader of the numbers should know.
         predicted_points: Errors of the points on the prediction, where asked for.
         truth_points: Errors of the points on the truth, where asked for.
@@ -79,15 +72,21 @@ class Score:
 
     protocol: MetricProtocol
     metrics: Mapping[str, MetricValue]
-    diagnostics: Diagnostics
+    diagnostics: Diagnostics | None
     warnings: tuple[str, ...]
+    alignment: Aligned = UNALIGNED
     predicted_points: PointErrors | None = None
     truth_points: PointErrors | None = None
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values, without the errors point by point."""
         return {
-            "protocol": {**self.protocol.to_dict(), "sha": self.protocol.sha},
+            "protocol": {
+                **self.protocol.to_dict(),
+                "sha": self.protocol.sha,
+                "stages": self.protocol.stages,
+            },
+            "alignment": to_json(self.alignment),
             "metrics": to_json(self.metrics),
             "diagnostics": to_json(self.diagnostics),
             "warnings": list(self.warnings),
@@ -102,15 +101,16 @@ def score(
     keep_points: bool = False,
     misplaced: Misplaced = "refuse",
 ) -> Score:
-    """Every metric of a reconstruction against the true surface.
+    """Every metric of a reconstruction against the true surface under one protocol.
 
-    Nothing is aligned, rescaled, cropped or repaired. The points on the truth depend on the truth
-    and the protocol alone, so that all methods are measured at the same points.
+    Nothing is rescaled, cropped or repaired, and aligned only where the protocol says so. The
+    points on the truth depend on the truth and the protocol alone, so that all methods are measured
+    at the same points.
 
     Args:
         predicted: Reconstruction, in metres, world frame.
         truth: The true surface, in the same frame and unit.
-        protocol: How many points, how drawn, and which Chamfer.
+        protocol: How.
         keep_points: Whether the errors are wanted point by point.
         misplaced: What to do with a prediction that seems to have another unit or frame: of a mesh
             made elsewhere that is a mistake in its file, to ``refuse``; of a method that ran here
@@ -119,65 +119,101 @@ def score(
     Raises:
         DataError: the meshes do not share unit and frame, have no normals to compare, or hold
             numbers that cannot be searched.
-        HarnessError: a protocol that contradicts itself.
+        HarnessError: a protocol that contradicts itself, or that has no errors point by point.
     """
     _check_protocol(protocol)
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        sampling_mine = pool.submit(_Side.of, predicted, "predicted", protocol)
-        sampling_true = pool.submit(_Side.of, truth, "truth", protocol)
-        mine, true = sampling_mine.result(), sampling_true.result()
-    doubts = _doubts(mine, true, protocol, misplaced)
-    there = _errors(mine, true, protocol, protocol.normal_weights)
-    # The published evaluator looks this way alone; what it lacks cannot have its mistake.
-    back = _errors(true, mine, protocol, "barycentric")
-    meshes = {"predicted": describe_mesh(mine.surface), "truth": describe_mesh(true.surface)}
-    return Score(
+    return _score(Pair(predicted, truth), protocol, keep_points, misplaced)
+
+
+def score_all(
+    predicted: Mesh,
+    truth: Mesh,
+    protocols: Sequence[MetricProtocol],
+    *,
+    misplaced: Misplaced = "refuse",
+) -> dict[str, Score | HarnessError]:
+    """As ``score``, under several protocols that share what is alike, by the protocol's name.
+
+    Where one protocol cannot measure the two meshes, its place has the reason.
+
+    Raises:
+        DataError: meshes that no protocol can measure.
+        HarnessError: a protocol that contradicts itself.
+    """
+    for protocol in protocols:
+        _check_protocol(protocol)
+    pair = Pair(predicted, truth)
+    found: dict[str, Score | HarnessError] = {}
+    for protocol in protocols:
+        try:
+            found[protocol.name] = _score(pair, protocol, False, misplaced)
+        except HarnessError as error:
+            found[protocol.name] = error
+    reasons = [each for each in found.values() if isinstance(each, HarnessError)]
+    if reasons and len(reasons) == len(found):
+        raise reasons[0]
+    return found
+
+
+def _score(pair: Pair, protocol: MetricProtocol, keep_points: bool, misplaced: Misplaced) -> Score:
+    doubts = _doubts(pair, protocol, misplaced)
+    placed = pair.placed(protocol)
+    found = Score(
         protocol=protocol,
-        metrics=_metrics(true, there, back, protocol),
+        metrics={},
+        diagnostics=None,
+        warnings=(*doubts, *unit_warnings(pair.true.index)),
+        alignment=placed.alignment,
+    )
+    if any(column.of == "angle" for column in protocol.columns):
+        found = _with_angles(found, placed, keep_points)
+    elif keep_points:
+        raise HarnessError(
+            f"protocol {protocol.name} has no errors point by point",
+            expected="a protocol with smooth normals, such as mexecon or exact",
+        )
+    return replace(found, metrics=_metrics(pair, placed, found))
+
+
+def _with_angles(found: Score, placed: Placed, keep_points: bool) -> Score:
+    """What stands behind the means where smooth normals are compared."""
+    there, back = (_errors(placed, found.protocol, back=back) for back in (False, True))
+    meshes = {
+        "predicted": describe_mesh(placed.mine.index),
+        "truth": describe_mesh(placed.true.index),
+    }
+    angles = compared(there.normal_errors_deg)
+    return replace(
+        found,
         diagnostics=Diagnostics(
-            alignment="none",
+            alignment=placed.alignment.by,
             predicted_to_truth=describe_distances(there.distances_mm),
             truth_to_predicted=describe_distances(back.distances_mm),
             f_score=f_scores(there.distances_mm, back.distances_mm),
-            normals=normal_summary(compared(there.normal_errors_deg), back.normal_errors_deg),
+            normals=normal_summary(angles, back.normal_errors_deg),
             meshes=meshes,
         ),
         warnings=(
-            *doubts,
-            *unit_warnings(true.surface),
-            *doubles_warnings({"predicted": mine.surface, "truth": true.surface}),
-            *winding_warnings(meshes, compared(there.normal_errors_deg)),
+            *found.warnings,
+            *doubles_warnings({"predicted": placed.mine.index, "truth": placed.true.index}),
+            *winding_warnings(meshes, angles),
         ),
         predicted_points=there if keep_points else None,
         truth_points=back if keep_points else None,
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Side:
-    """One of the two meshes, ready to be asked, and the points drawn on it."""
-
-    surface: SurfaceIndex
-    samples: SurfacePoints
-
-    @classmethod
-    def of(cls, mesh: Mesh, role: str, protocol: MetricProtocol) -> _Side:
-        surface = SurfaceIndex(mesh, split_seams=protocol.texture_seams == "split")
-        return cls(surface, _drawn(surface, role, protocol))
-
-
-def _drawn(surface: SurfaceIndex, role: str, protocol: MetricProtocol) -> SurfacePoints:
-    seed = derive_seed(protocol.seed, role)
-    return sample_surface(surface, protocol.samples, protocol.sampling, seed)
-
-
-def _doubts(
-    mine: _Side, true: _Side, protocol: MetricProtocol, misplaced: Misplaced
-) -> tuple[str, ...]:
+def _doubts(pair: Pair, protocol: MetricProtocol, misplaced: Misplaced) -> tuple[str, ...]:
     """Warnings of another unit, place or frame, as far as these are not refused."""
+    if protocol.alignment.by in ("boxes", "height"):
+        return ()
+    # A few points would not tell a turn from their own scatter.
+    rule = protocol if protocol.samples >= _TELLING else replace(protocol, **_TURN_SAMPLES)
+    mine, true, ratio = pair.mine, pair.true, protocol.minimum_scale_ratio
     try:
-        check_scale_and_place(mine.surface, true.surface, protocol.minimum_scale_ratio)
-        turns = check_turn(mine.samples.points, true.samples.points, mine.surface, true.surface)
+        check_scale_and_place(mine.index, true.index, ratio)
+        points = mine.samples(rule).points, true.samples(rule).points
+        turns = check_turn(*points, mine.index, true.index)
     except DataError as error:
         if misplaced == "refuse":
             raise
@@ -185,47 +221,31 @@ def _doubts(
     return tuple(turns)
 
 
-def _errors(
-    sampled: _Side, other: _Side, protocol: MetricProtocol, weights: NormalWeights
-) -> PointErrors:
-    closest, distances_mm = nearest_surface_mm(sampled.samples.points, other.surface)
-    cancelled = protocol.cancelled_normals
+def _errors(placed: Placed, protocol: MetricProtocol, *, back: bool) -> PointErrors:
+    drawn = placed.sides(back=back)[0].samples(protocol)
+    closest, distances = placed.closest(protocol, back=back)
     return PointErrors(
-        points=sampled.samples.points,
-        distances_mm=distances_mm,
-        normal_errors_deg=angles_deg(
-            normals_at(sampled.surface, sampled.samples, cancelled),
-            normals_at(other.surface, weighted(closest, weights), cancelled),
-        ),
-        faces=sampled.samples.faces,
+        points=drawn.points,
+        distances_mm=distances * MM_PER_METRE,
+        normal_errors_deg=normal_angles(placed, protocol, back=back),
+        faces=drawn.faces,
         closest_faces=closest.faces,
     )
 
 
-def _metrics(
-    true: _Side, there: PointErrors, back: PointErrors, protocol: MetricProtocol
-) -> dict[str, MetricValue]:
-    accuracy = point_to_surface(there.distances_mm, protocol.sampling)
-    completeness = point_to_surface(back.distances_mm, protocol.sampling)
-    if protocol.chamfer == "sample-to-sample":
-        chamfer = replace(
-            chamfer_sample_to_sample(there.points, back.points),
-            floor=_sampling_floor_mm(true, protocol),
-        )
-    else:
-        chamfer = chamfer_point_to_surface(accuracy, completeness)
-    return {
-        "chamfer": chamfer,
-        "p2s_accuracy": accuracy,
-        "p2s_completeness": completeness,
-        "normal_error": normal_error(there.normal_errors_deg, protocol.sampling),
-    }
-
-
-def _sampling_floor_mm(true: _Side, protocol: MetricProtocol) -> float:
-    """What the truth itself scores as a prediction: the same points that a perfect copy has."""
-    copy = _drawn(true.surface, "predicted", protocol)
-    return chamfer_sample_to_sample(copy.points, true.samples.points).value
+def _metrics(pair: Pair, placed: Placed, found: Score) -> dict[str, MetricValue]:
+    """The protocol's columns, each with what the truth itself scores."""
+    metrics = {}
+    for column in found.protocol.columns:
+        value = measured(placed, found.protocol, column)
+        if column.of in _WITH_FLOOR:
+            # The same points that a perfect copy has.
+            copy = measured(pair.copied(found.protocol), found.protocol, column)
+            value = replace(value, floor=copy.value)
+        elif column.of in ("boxes", "volume"):
+            value = replace(value, floor=1.0)
+        metrics[column.key] = value
+    return metrics
 
 
 def _check_protocol(protocol: MetricProtocol) -> None:
@@ -233,7 +253,8 @@ def _check_protocol(protocol: MetricProtocol) -> None:
         raise HarnessError(
             f"protocol {protocol.name} draws no points", expected="samples: 1 or more"
         )
-    if protocol.chamfer == "sample-to-sample" and protocol.sampling != "independent":
+    uses = {column.of for column in protocol.columns}
+    if uses & {"samples", "sample_cosine"} and protocol.sampling == "stratified":
         raise HarnessError(
             f"protocol {protocol.name} contradicts itself",
             expected="sampling: independent with chamfer: sample-to-sample, for only then is the "

@@ -97,7 +97,8 @@ Protocol = Annotated[
     typer.Option(
         "--protocol",
         metavar="NAME",
-        help="Metric settings used for scoring, as in the manifest.",
+        help="Metric protocol of the manifest, or of the field, such as econ; several with commas, "
+        "or all.",
     ),
 ]
 Run = Annotated[

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -54,13 +54,13 @@ class ProtocolStamp:
     """The protocol's digest; None where others measured and gave none."""
     sha: str
     """Content id of all settings; empty likewise."""
-    settings: MetricProtocol | None = None
-    """All settings; None likewise."""
+    settings: Mapping[str, object] | None = None
+    """All settings, as the protocol gives them; None likewise."""
 
     @classmethod
     def of(cls, protocol: MetricProtocol) -> ProtocolStamp:
         """The stamp of numbers that are measured here."""
-        return cls(protocol.name, protocol.version, protocol.sha, protocol)
+        return cls(protocol.name, protocol.version, protocol.sha, protocol.to_dict())
 
     @property
     def text(self) -> str:
@@ -72,7 +72,7 @@ class ProtocolStamp:
         """All settings and the sha in one object, as tables for programs show them."""
         if self.settings is None:
             return {"name": self.name, "version": self.version, "sha": self.sha}
-        return {**asdict(self.settings), "sha": self.sha}
+        return {**self.settings, "sha": self.sha}
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,15 @@ from harness.core.cameras.photography import PhotoFaults
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.hashing import content_hash
+from harness.core.protocol_stages import (
+    METRES,
+    MEXECON_COLUMNS,
+    UNMOVED,
+    Alignment,
+    Column,
+    Frame,
+    Pictures,
+)
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -160,12 +169,17 @@ class RenderRecipe:
 class MetricProtocol:
     """How two meshes become numbers. Numbers of different protocols never share a table.
 
+    Four stages, each with a digest of its own: *frame*, *alignment*, *sampling and distance*, which
+    is all fields that are no stage themselves, and *summary*.
+
     Attributes:
         name: As on the command line.
         version: Changes whenever the numbers may change for equal meshes.
         samples: Points drawn on each mesh.
         sampling: ``independent`` draws each point by itself; ``stratified`` draws one in each of
-            ``samples`` strips of equal area, which lowers the sampling error several times.
+            ``samples`` strips of equal area, which lowers the sampling error several times;
+            ``even`` draws three times as many and drops one of each pair that is too close, as
+            trimesh does, so that there may be fewer.
         chamfer: ``sample-to-sample`` takes distances between the two sets of samples (as published;
             has a sampling floor), ``point-to-surface`` the mean of accuracy and completeness.
         normal_weights: How the three vertex normals of the true face weigh at the closest point:
@@ -181,6 +195,13 @@ class MetricProtocol:
         seed: Root of the two meshes' random streams.
         minimum_scale_ratio: Least ratio of the two bounding-box diagonals (either way round)
             under which a mesh made elsewhere is believed to have the truth's unit.
+        frame: The unit of distances.
+        alignment: What moves the prediction first.
+        edges_below: Faces of a smaller area, in the frame's unit squared, count with their edges
+            alone where distances go to ``edges``.
+        drop_beyond: Distances of so much or more, in the frame's unit, are left out; 0 keeps all.
+        pictures: How normals are rendered, where a column is of them.
+        summary: The numbers; empty for MExECON's four, with the Chamfer of ``chamfer``.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -188,19 +209,60 @@ class MetricProtocol:
     name: str
     version: int
     samples: int
-    sampling: Literal["independent", "stratified"]
-    chamfer: Literal["sample-to-sample", "point-to-surface"]
+    sampling: Literal["independent", "stratified", "even"]
+    chamfer: Literal["sample-to-sample", "point-to-surface"] = "point-to-surface"
     normal_weights: Literal["barycentric", "permuted"] = "barycentric"
     texture_seams: Literal["smooth", "split"] = "smooth"
     cancelled_normals: Literal["face", "left-out"] = "face"
     seed: int = 0
     minimum_scale_ratio: float = 0.5
+    frame: Frame = METRES
+    alignment: Alignment = UNMOVED
+    edges_below: float = 0.0
+    drop_beyond: float = 0.0
+    pictures: Pictures | None = None
+    summary: tuple[Column, ...] = ()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The numbers of the summary, in order."""
+        return self.summary or MEXECON_COLUMNS[self.chamfer]
 
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return asdict(self)
+        """Plain JSON values; without what protocols of MExECON's metrics have no need to say."""
+        values = {**asdict(self), "summary": [asdict(column) for column in self.summary]}
+        return {
+            name: value
+            for name, value in values.items()
+            if name not in _LATER_FIELDS or getattr(self, name) != _LATER_FIELDS[name]
+        }
 
     @property
     def sha(self) -> str:
         """Content id of all settings."""
         return content_hash(self.to_dict())
+
+    @property
+    def stages(self) -> dict[str, str]:
+        """Content id of each stage: what two protocols have in common has the same."""
+        values = asdict(self)
+        named = {"name", "version", "frame", "alignment", "summary"}
+        return {
+            "frame": content_hash(values["frame"]),
+            "alignment": content_hash(values["alignment"]),
+            "sampling and distance": content_hash(
+                {name: value for name, value in values.items() if name not in named}
+            ),
+            "summary": content_hash({column.key: asdict(column) for column in self.columns}),
+        }
+
+
+#: Fields that a protocol's digest counts only where they say something.
+_LATER_FIELDS: dict[str, object] = {
+    "frame": METRES,
+    "alignment": UNMOVED,
+    "edges_below": 0.0,
+    "drop_beyond": 0.0,
+    "pictures": None,
+    "summary": (),
+}

@@ -17,6 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
+from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.files.names import NAME_RULE, is_name
 from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
@@ -213,6 +214,13 @@ class Manifest:
         }
         for name, protocol in self.protocols.items():
             self._check_bounds(("protocols", name), protocol.to_dict())
+        # The field's are known everywhere; one of the same name in the file is another.
+        self.protocols = {
+            **self.protocols,
+            **{
+                name: known for name, known in FIELD_PROTOCOLS.items() if name not in self.protocols
+            },
+        }
         self._check_splits()
 
     def _check_names(self, document: _Document) -> None:
@@ -315,6 +323,11 @@ class Manifest:
                 f"unknown protocol '{name}'", hint=did_you_mean(name, self.protocols)
             )
         return self.protocols[name]
+
+    def protocols_of(self, text: str) -> tuple[MetricProtocol, ...]:
+        """The metric protocols of a list of names, or ``all``, each once."""
+        names = self.protocols if text == "all" else (name.strip() for name in text.split(","))
+        return tuple(self.protocol(name) for name in dict.fromkeys(names))
 
     def root(self, name: str, workspace: Path) -> Path:
         """A dataset's folder.

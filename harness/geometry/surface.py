@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -111,7 +112,7 @@ class SurfaceIndex:
         used[faces.ravel()] = True
         positions = mesh.vertices[used]
         self.bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
-        self._scene = _raycasting_scene(mesh, self.centre, faces)
+        self._scene = raycasting_scene(mesh, self.centre, faces)
 
     @property
     def centre(self) -> Floats:
@@ -135,20 +136,25 @@ class SurfaceIndex:
         return float(np.einsum("ij,ij->", arms, self.face_vectors)) / 6
 
     @cached_property
-    def _places(self) -> Ints:
-        """(F, 3) a number for the place of each corner."""
+    def corners(self) -> Ints:
+        """(F, 3) a number for the place of each corner: corners at one place have the same."""
         return coinciding_positions(self.mesh.vertices, self.mesh.faces)[self.mesh.faces]
 
     @cached_property
     def doubles(self) -> Doubles:
         """Faces at the places of others, and the face normals without them."""
         arms = self.mesh.vertices[self.mesh.faces[:, 0]] - self.centre
-        return doubles_of(self._places, self.face_vectors, arms)
+        return doubles_of(self.corners, self.face_vectors, arms)
+
+    @property
+    def corner_normals(self) -> tuple[Floats, Ints]:
+        """(K, 3) smooth unit normals, and (F, 3) which of them each corner has."""
+        return self._smooth
 
     @cached_property
     def _smooth(self) -> tuple[Floats, Ints]:
         """(K, 3) unit normals, and (F, 3) which of them each corner has."""
-        corners, count = self._places, int(self._places.max()) + 1
+        corners, count = self.corners, int(self.corners.max()) + 1
         if self._split_seams:
             corners, count = _split_at_seams(self.mesh, corners)
         return _corner_normals(corners, count, self.doubles.vectors), corners
@@ -160,15 +166,43 @@ class SurfaceIndex:
             DataError: a query point is not finite, or absurdly far away.
         """
         query = np.asarray(points, dtype=np.float64) - self.centre
-        answer = self._scene.compute_closest_points(
-            _tensor32(query, f"a point to measure against {self.mesh.source}")
-        )
-        faces = self._searchable[answer["primitive_ids"].numpy()]
-        # Open3D's (u, v) weigh the second and the third vertex.
-        second, third = answer["primitive_uvs"].numpy().astype(np.float64).T
-        barycentric = np.stack([1.0 - second - third, second, third], axis=1)
-        found = self.at(faces, barycentric)
+        what = f"a point to measure against {self.mesh.source}"
+        triangles, barycentric = search_nearest(self._scene, query, what)
+        found = self.at(self._searchable[triangles], barycentric)
         return found, _lengths(found.points - points)
+
+    def smooth_at(self, *, seams: bool) -> SurfaceIndex:
+        """The same surface with smooth normals that end at texture seams, or do not."""
+        if seams == self._split_seams:
+            return self
+        other = copy(self)
+        other.__dict__.update(_split_seams=seams)
+        other.__dict__.pop("_smooth", None)
+        return other
+
+    def crossings(
+        self, origins: Floats, direction: Floats, *, first: bool = False
+    ) -> tuple[Ints, Floats, Ints, Floats]:
+        """What (N, 3) parallel rays along a unit direction meet, each from its origin on.
+
+        Args:
+            origins: In the mesh's unit and frame.
+            direction: (3,) of all rays.
+            first: Whether only the first surface that each meets is wanted.
+
+        Returns:
+            The (M,) ray of each crossing, ascending, its (M,) distance from the origin, the (M,)
+            face and the (M, 3) weights of its corners.
+        """
+        start = np.asarray(origins, dtype=np.float64) - self.centre
+        rays = _tensor32(np.hstack([start, np.broadcast_to(direction, start.shape)]), "a ray")
+        answer = (self._scene.cast_rays if first else self._scene.list_intersections)(rays)
+        distance = answer["t_hit"].numpy().astype(np.float64)
+        met = np.flatnonzero(np.isfinite(distance))
+        ray = met if first else answer["ray_ids"].numpy().astype(np.int64)
+        triangles = answer["primitive_ids"].numpy()[met]
+        barycentric = _barycentric(answer["primitive_uvs"].numpy()[met])
+        return ray, distance[met], self._searchable[triangles], barycentric
 
     def at(self, faces: Ints, barycentric: Floats) -> SurfacePoints:
         """The points with the given (N,) faces and (N, 3) barycentric weights."""
@@ -205,7 +239,27 @@ def _blend(values: Floats, corners: NDArray[np.integer[Any]], weights: Floats) -
     return blended
 
 
-def _raycasting_scene(mesh: Mesh, origin: Floats, faces: NDArray[np.integer[Any]]) -> Any:
+def search_nearest(
+    scene: Any, points: Floats, what: str = "a point to measure against"
+) -> tuple[Ints, Floats]:
+    """The nearest triangle of a scene to each of (N, 3) points, and (N, 3) weights of its corners.
+
+    Raises:
+        DataError: a point is not finite, or absurdly far away; ``what`` says whose it is.
+    """
+    answer = scene.compute_closest_points(_tensor32(points, what))
+    weights = _barycentric(answer["primitive_uvs"].numpy())
+    return answer["primitive_ids"].numpy(), weights
+
+
+def _barycentric(uv: NDArray[np.float32]) -> Floats:
+    """(N, 3) weights of corners: Open3D's (u, v) weigh the second and the third."""
+    second, third = uv.astype(np.float64).T
+    return np.stack([1.0 - second - third, second, third], axis=1)
+
+
+def raycasting_scene(mesh: Mesh, origin: Floats, faces: NDArray[np.integer[Any]]) -> Any:
+    """Open3D's search over some triangles of a mesh's vertices, about an origin."""
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()

@@ -10,7 +10,7 @@ from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.geometry.surface import SurfaceIndex, vertex_normals
 from metrics.diagnostics import f_scores
-from metrics.distance import chamfer_sample_to_sample, nearest_surface_mm
+from metrics.distance import mean_of_directions, nearest_samples, nearest_surface_mm
 from metrics.normals import angles_deg
 from metrics.sampling import sample_mean, sample_surface
 from metrics.score import score
@@ -96,8 +96,11 @@ def test_every_number_of_a_score_is_finite_and_in_range(seed):
 def test_chamfer_does_not_care_which_comes_first(seed):
     random = np.random.default_rng(seed)
     first, second = random.normal(size=(40, 3)), random.normal(size=(30, 3))
-    there = chamfer_sample_to_sample(first, second)
-    back = chamfer_sample_to_sample(second, first)
+    ways = [
+        sample_mean(nearest_samples(*pair)[0], "m", "independent")
+        for pair in ((first, second), (second, first))
+    ]
+    there, back = (mean_of_directions(*each, together=True) for each in (ways, ways[::-1]))
     assert there.value == pytest.approx(back.value)
     assert there.standard_error == pytest.approx(back.standard_error)
 

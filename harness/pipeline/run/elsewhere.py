@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import checked_name, named_from
 from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh, save_mesh
+from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record, Status
@@ -25,7 +26,7 @@ from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import CellFolder, Outcome, RunStore
 from harness.pipeline.scoring.meshes import mesh_scores
 from methods.catalog import METHODS
-from metrics.score import Score, score
+from metrics.score import Score, score, score_all
 
 _SEAMS = (
     "normals end at the seams of its texture, which the mesh that is kept does not have: hand in "
@@ -41,12 +42,25 @@ def score_pair(
     Raises:
         DataError: a mesh that cannot be read or compared.
     """
+    return score(*_both(predicted, truth), protocol, keep_points=keep_points, misplaced="refuse")
+
+
+def score_pair_by_all(
+    predicted: Path, truth: Path, protocols: Sequence[MetricProtocol]
+) -> dict[str, Score | HarnessError]:
+    """As ``score_pair``, read once for several protocols, by name; or why one cannot measure.
+
+    Raises:
+        DataError: a mesh that cannot be read, or compared by any protocol.
+    """
+    return score_all(*_both(predicted, truth), protocols, misplaced="refuse")
+
+
+def _both(predicted: Path, truth: Path) -> tuple[Mesh, Mesh]:
     with ThreadPoolExecutor(max_workers=2) as pool:
         ours = pool.submit(load_mesh, predicted, seams=True)
         true = pool.submit(load_mesh, truth, seams=True)
-    return score(
-        ours.result(), true.result(), protocol, keep_points=keep_points, misplaced="refuse"
-    )
+    return ours.result(), true.result()
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,8 @@ def mesh_scores(
     Raises:
         DataError: a mesh that cannot be compared, or labels that are not the scan's.
     """
-    labels = face_regions(scan, truth)
+    has_points = any(column.of == "angle" for column in protocol.columns)
+    labels = face_regions(scan, truth) if has_points else None
     found = score(predicted, truth, protocol, keep_points=labels is not None, misplaced=misplaced)
     regions = {}
     if labels and found.predicted_points and found.truth_points:

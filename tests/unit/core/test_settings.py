@@ -9,6 +9,7 @@ import pytest
 from harness.core.cameras.photography import PhotoFaults
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError
+from harness.core.protocol_stages import Alignment, Column, Frame
 from harness.core.settings import MetricProtocol, RenderRecipe, overridden
 
 RECIPE = RenderRecipe(name="quick8", rig=RingRig(), width=270, height=480)
@@ -20,6 +21,9 @@ OTHER = {
     "bool": False,
     "RingRig": RingRig(views=4),
     "NoneType": PhotoFaults(noise=1.0),
+    "Frame": Frame("person"),
+    "Alignment": Alignment("icp"),
+    "tuple": (Column("p2s", "edges"),),
 }
 
 
@@ -31,6 +35,30 @@ def test_every_setting_changes_the_hash(settings: RenderRecipe | MetricProtocol)
         shas.add(replace(settings, **{field.name: OTHER[type(value).__name__]}).sha)
 
     assert len(shas) == len(fields(settings)) + 1
+
+
+def test_the_first_two_protocols_have_the_digests_that_records_hold() -> None:
+    exact = MetricProtocol("exact", 1, 200_000, "stratified", "point-to-surface")
+    mexecon = MetricProtocol(
+        *("mexecon", 2, 30_000, "independent", "sample-to-sample"),
+        normal_weights="permuted",
+        texture_seams="split",
+        cancelled_normals="left-out",
+    )
+    assert (mexecon.sha, exact.sha) == ("a492b55a49f0e101", "ef96f32e75398fa0")
+
+
+def test_a_change_of_a_stage_changes_its_digest_alone() -> None:
+    changed = {
+        "frame": replace(PROTOCOL, frame=Frame("person")),
+        "alignment": replace(PROTOCOL, alignment=Alignment("icp")),
+        "sampling and distance": replace(PROTOCOL, edges_below=5e-3),
+        "summary": replace(PROTOCOL, summary=(Column("p2s", "edges"),)),
+    }
+    for name, other in changed.items():
+        assert {
+            stage for stage in other.stages if other.stages[stage] != PROTOCOL.stages[stage]
+        } == {name}
 
 
 def test_a_recipe_has_its_rigs_cameras_in_its_size() -> None:

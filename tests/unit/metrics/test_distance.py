@@ -5,40 +5,59 @@ import pytest
 
 from harness.geometry.surface import SurfaceIndex
 from metrics.distance import (
-    chamfer_point_to_surface,
-    chamfer_sample_to_sample,
-    nearest_sample_mm,
+    harmonic_mean,
+    mean_of_directions,
+    nearest_samples,
     nearest_surface_mm,
-    point_to_surface,
 )
-from metrics.sampling import sample_surface
+from metrics.sampling import sample_mean, sample_surface
 
 
-def slow_nearest_mm(points, targets):
-    return [1000 * min(np.linalg.norm(point - target) for target in targets) for point in points]
+def slow_nearest(points, targets):
+    return [min(np.linalg.norm(point - target) for target in targets) for point in points]
+
+
+def chamfer_of_samples(predicted, truth):
+    there, back = (
+        sample_mean(1000 * nearest_samples(*pair)[0], "mm", "independent")
+        for pair in ((predicted, truth), (truth, predicted))
+    )
+    return mean_of_directions(there, back, together=True)
 
 
 def test_nearest_samples_agree_with_brute_force():
     random = np.random.default_rng(0)
     points, targets = random.random((60, 3)), random.random((80, 3))
-    np.testing.assert_allclose(nearest_sample_mm(points, targets), slow_nearest_mm(points, targets))
+    distances, which = nearest_samples(points, targets)
+    np.testing.assert_allclose(distances, slow_nearest(points, targets))
+    np.testing.assert_allclose(np.linalg.norm(points - targets[which], axis=1), distances)
 
 
 def test_chamfer_is_the_mean_of_both_directions():
     """Not their sum, not squared, not the maximum."""
     predicted = np.array([[0.0, 0, 0], [0, 0, 0.004]])
     truth = np.array([[0.0, 0, 0.001], [0, 0, 0.011]])
-    found = chamfer_sample_to_sample(predicted, truth)
+    found = chamfer_of_samples(predicted, truth)
     assert found.value == pytest.approx(((1 + 3) / 2 + (1 + 7) / 2) / 2)
     assert (found.unit, found.n) == ("mm", 4)
 
 
-def test_chamfer_between_surfaces_is_the_mean_of_accuracy_and_completeness():
-    accuracy = point_to_surface(np.array([1.0, 2, 3, 4]), "independent")
-    completeness = point_to_surface(np.array([5.0, 5, 5, 5]), "independent")
-    found = chamfer_point_to_surface(accuracy, completeness)
+def test_directions_that_err_apart_have_a_smaller_error():
+    accuracy = sample_mean(np.array([1.0, 2, 3, 4]), "mm", "independent")
+    completeness = sample_mean(np.array([5.0, 5, 5, 5]), "mm", "independent")
+    found = mean_of_directions(accuracy, completeness, together=False)
     assert (found.value, found.unit, found.n, found.floor) == (3.75, "mm", 8, 0)
     assert found.standard_error == pytest.approx(accuracy.standard_error / 2)
+
+
+def test_an_f_score_of_nothing_is_nothing():
+    """Tanks and Temples divides 0 by 0 there."""
+    none = sample_mean(np.zeros(4), "%", "independent")
+    half = sample_mean(np.array([0, 0, 100, 100.0]), "%", "independent")
+    assert harmonic_mean(none, none).value == 0
+    assert harmonic_mean(none, half).value == 0
+    assert harmonic_mean(half, half).value == pytest.approx(50)
+    assert harmonic_mean(half, half).standard_error == pytest.approx(half.standard_error / 2**0.5)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.05])
@@ -51,7 +70,7 @@ def test_the_standard_error_of_chamfer_is_that_of_repeated_samples(shapes, shift
             sample_surface(surface, 500, "independent", 2 * seed + side).points
             for side, surface in enumerate((first, second))
         ]
-        found.append(chamfer_sample_to_sample(*points))
+        found.append(chamfer_of_samples(*points))
     stated = np.mean([chamfer.standard_error for chamfer in found])
     assert 0.8 < stated / np.std([chamfer.value for chamfer in found]) < 1.3
 
@@ -61,5 +80,5 @@ def test_the_nearest_surface_point_is_nearer_than_any_sample(shapes):
     points = np.random.default_rng(0).normal(size=(500, 3))
     targets = sample_surface(surface, 5000, "independent", 0).points
     closest, distances = nearest_surface_mm(points, surface)
-    assert (distances <= nearest_sample_mm(points, targets) + 1e-3).all()
+    assert (distances <= 1000 * nearest_samples(points, targets)[0] + 1e-3).all()
     np.testing.assert_allclose(1000 * np.linalg.norm(points - closest.points, axis=1), distances)

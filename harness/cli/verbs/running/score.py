@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +30,12 @@ from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pair
+from harness.pipeline.run.elsewhere import (
+    FolderRequest,
+    score_folder,
+    score_pair,
+    score_pair_by_all,
+)
 from harness.pipeline.run.store import RunStore
 from metrics.score import Score
 
@@ -89,22 +94,31 @@ def score(
     """Score meshes that were made elsewhere.
 
     Give --gt for one mesh, or --dataset and --name for a folder of meshes. Meshes are in metres in
-    the world frame (+Y up); nothing is aligned, scaled or repaired. The exit code is 1 when a
-    subject of the dataset has no mesh, or one that cannot be scored.
+    the world frame (+Y up); nothing is scaled or repaired, or aligned but where a protocol says so.
+    The exit code is 1 when a subject of the dataset has no mesh, or one that cannot be scored, and
+    when one of several protocols cannot measure a pair.
     """
     checked = load_manifest(manifest)
-    rule = checked.protocol(protocol)
+    rules = checked.protocols_of(protocol)
+    rule = rules[0]
     if gt is not None and not dataset:
         of_folders = {
             "--name": name, "--title": title, "--subjects": subjects, "--reason": reason,
             "--run": run != "main",
         }  # fmt: skip
         _check_pair(predicted, gt, points, of_folders)
+        if len(rules) > 1:
+            _print_protocols(predicted, gt, rules, points, as_json=as_json)
+            return
         outcome = score_pair(predicted, gt, rule, keep_points=points is not None)
         if points is not None:
             _write_points(points, outcome)
         _print_pair(predicted, gt, rule, outcome, as_json=as_json)
     elif dataset and gt is None:
+        if len(rules) > 1:
+            raise HarnessError(
+                "a folder is filed under one protocol", got=protocol, hint="Give one --run to each"
+            )
         if not name:
             raise HarnessError("a folder needs a name", hint="Give --name mymethod")
         if points is not None:
@@ -165,14 +179,67 @@ def _print_pair(
         print_json({**outcome.to_dict(), **about})
         return
     print(f"{predicted} against {truth}, protocol {rule.name} v{rule.version}")
-    for key, value in outcome.metrics.items():
-        floor = f"   floor {value.floor:.3f} {value.unit}" if value.floor else ""
-        print(
-            f"  {METRICS[key].title:18} {value.value:9.3f} {value.unit:3} "
-            f"± {value.standard_error:.3f} (standard error, n = {value.n}){floor}"
-        )
+    _print_metrics(outcome)
     for warning in warnings:
         print(f"  warning: {warning}")
+
+
+def _print_metrics(outcome: Score) -> None:
+    mexecon = not outcome.protocol.summary
+    for key, value in outcome.metrics.items():
+        # A name is one publication's: what others call P2S or NC is something else.
+        title = METRICS[key].title if mexecon else key
+        floor = f"   floor {value.floor:.3f} {value.unit}" if value.floor else ""
+        print(
+            f"  {title:18} {value.value:9.3f} {value.unit:3} "
+            f"± {value.standard_error:.3f} (standard error, n = {value.n}){floor}"
+        )
+    done = outcome.alignment
+    if done.by != "none":
+        mirror = ", mirrored" if done.mirrored else ""
+        print(
+            f"  aligned by {done.by}: scale {done.scale:.4f}{mirror}, mean vertex distance "
+            f"{done.before_mm:.2f} mm before and {done.after_mm:.2f} mm after"
+        )
+
+
+def _print_protocols(
+    predicted: Path,
+    truth: Path,
+    rules: Sequence[MetricProtocol],
+    points: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """One pair under several protocols; a protocol that cannot measure it says why."""
+    if points is not None:
+        raise HarnessError("--points is of one protocol", got=str(len(rules)))
+    outcomes = score_pair_by_all(predicted, truth, rules)
+    failed = {name: each for name, each in outcomes.items() if isinstance(each, HarnessError)}
+    scores = {name: each for name, each in outcomes.items() if isinstance(each, Score)}
+    notice = list(filter(None, [_as_it_lies(truth)]))
+    if as_json:
+        print_json(
+            {
+                "predicted": str(predicted),
+                "truth": str(truth),
+                "warnings": notice,
+                "protocols": {name: each.to_dict() for name, each in scores.items()},
+                "failed": {name: str(error) for name, error in failed.items()},
+            }
+        )
+    else:
+        print(f"{predicted} against {truth}")
+        for name, outcome in scores.items():
+            print(f"protocol {name} v{outcome.protocol.version}")
+            _print_metrics(outcome)
+        for name, error in failed.items():
+            print(f"protocol {name}: {error}")
+        doubts = (warning for each in scores.values() for warning in each.warnings)
+        for warning in dict.fromkeys([*doubts, *notice]):
+            print(f"  warning: {warning}")
+    if failed:
+        raise typer.Exit(1)
 
 
 def _write_points(path: Path, outcome: Score) -> None:

@@ -1,0 +1,231 @@
+"""Two meshes, read once, and what several protocols ask of them, made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from harness.core.arrays import Floats, Ints
+from harness.core.files.hashing import derive_seed
+from harness.core.mesh import Mesh
+from harness.core.protocol_stages import UNALIGNED, Aligned, Frame
+from harness.core.settings import MetricProtocol
+from harness.geometry.surface import SurfaceIndex, SurfacePoints
+from metrics.alignment import aligned
+from metrics.distance import nearest_samples
+from metrics.edges import EdgeIndex
+from metrics.normals import face_cosines, facing_faces
+from metrics.rendered_normals import Portraits, Window
+from metrics.sampling import Sampling, sample_surface
+
+T = TypeVar("T")
+#: A person's height in the field's device coordinates, and metres of that person to one of them.
+_PERSON_M, _METRES_PER_UNIT = 1.8, 1.024
+
+
+class _Once:
+    """Keeps what was made, by what it was made from."""
+
+    def __init__(self) -> None:
+        self._made: dict[Hashable, Any] = {}
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What the key stands for, made now or before."""
+        if key not in self._made:
+            self._made[key] = make()
+        found: T = self._made[key]
+        return found
+
+
+class Side(_Once):
+    """One of the two surfaces, and whose random stream draws the points on it."""
+
+    def __init__(self, index: SurfaceIndex, role: str) -> None:
+        super().__init__()
+        self.index, self.role = index, role
+        self._edges: dict[int, EdgeIndex] = {}
+
+    def samples(self, protocol: MetricProtocol) -> SurfacePoints:
+        """The points of a protocol."""
+        count, sampling, seed = _drawn(protocol)
+        stream = derive_seed(seed, self.role)
+        return self.once(
+            (count, sampling, seed), lambda: sample_surface(self.index, count, sampling, stream)
+        )
+
+    def smooth(self, *, seams: bool) -> SurfaceIndex:
+        """The surface with smooth normals that end at texture seams, or do not."""
+        seams = seams and self.index.mesh.uv is not None
+        return self.once(("smooth", seams), lambda: self.index.smooth_at(seams=seams))
+
+    def edges(self, below_m2: float) -> EdgeIndex:
+        """Its edges, and the faces of at least this area."""
+        large = int((self.index.face_areas >= below_m2).sum())
+        if large not in self._edges:
+            self._edges[large] = EdgeIndex(self.index, below_m2)
+        return self._edges[large]
+
+    def thinned(self, protocol: MetricProtocol, cell_m: float) -> Floats:
+        """The points of a protocol, those in one cell of a grid replaced by their mean."""
+        return self.once(
+            ("thinned", cell_m, _drawn(protocol)),
+            lambda: thinned(self.samples(protocol).points, cell_m),
+        )
+
+    def portraits(self, window: Window) -> Portraits:
+        """Its pictures in a window."""
+        return self.once(("portraits", window), lambda: Portraits(self.index, window))
+
+    def copy(self) -> Side:
+        """A perfect copy of it as a prediction."""
+        twin = Side(self.index, "predicted")
+        twin._edges = self._edges
+        return twin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """Prediction and truth in the frame of a protocol, the prediction aligned.
+
+    Attributes:
+        mine, true: Both in metres.
+        per_metre: Units of the frame to a metre.
+        alignment: What was done to the prediction.
+        kept: What was found between the two.
+    """
+
+    mine: Side
+    true: Side
+    per_metre: float
+    alignment: Aligned
+    kept: _Once
+
+    def sides(self, *, back: bool) -> tuple[Side, Side]:
+        """Where points are drawn, and what they are measured to."""
+        return (self.true, self.mine) if back else (self.mine, self.true)
+
+    def closest(self, protocol: MetricProtocol, *, back: bool) -> tuple[SurfacePoints, Floats]:
+        """The closest points of the other surface to the drawn ones, and how far they are, metres.
+
+        Args:
+            protocol: Which points.
+            back: Whether those on the truth.
+        """
+        sampled, other = self.sides(back=back)
+        return self.kept.once(
+            ("closest", back, _drawn(protocol)),
+            lambda: other.index.closest(sampled.samples(protocol).points),
+        )
+
+    def nearest(self, protocol: MetricProtocol, *, back: bool) -> tuple[Floats, Ints]:
+        """How far the nearest sample of the other surface is from the drawn ones, and which."""
+        sampled, other = self.sides(back=back)
+        return self.kept.once(
+            ("nearest", back, _drawn(protocol)),
+            lambda: nearest_samples(
+                sampled.samples(protocol).points, other.samples(protocol).points
+            ),
+        )
+
+    def to_edges(self, protocol: MetricProtocol, *, back: bool) -> Floats:
+        """(N,) metres from the drawn points to the other surface's edges."""
+        sampled, other = self.sides(back=back)
+        edges = other.edges(protocol.edges_below / self.per_metre**2)
+        return self.kept.once(
+            ("edges", back, id(edges), _drawn(protocol)),
+            lambda: edges.distances(sampled.samples(protocol).points),
+        )
+
+    def cosines(self, protocol: MetricProtocol, *, back: bool, of_samples: bool) -> Floats:
+        """(N,) absolute cosines of the drawn points' face normals and those nearest to them."""
+        sampled, other = self.sides(back=back)
+        drawn = sampled.samples(protocol)
+        if of_samples:
+            there = other.samples(protocol).faces[self.nearest(protocol, back=back)[1]]
+        else:
+            closest, _ = self.closest(protocol, back=back)
+            there = facing_faces(other.index, closest, drawn.points)
+        return face_cosines(
+            sampled.index.face_vectors[drawn.faces], other.index.face_vectors[there]
+        )
+
+
+class Pair(_Once):
+    """A prediction and a truth.
+
+    Args:
+        predicted: Reconstruction, in metres, world frame.
+        truth: The true surface, in the same frame and unit.
+    """
+
+    def __init__(self, predicted: Mesh, truth: Mesh) -> None:
+        super().__init__()
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            mine, true = pool.submit(SurfaceIndex, predicted), pool.submit(SurfaceIndex, truth)
+        self.mine, self.true = Side(mine.result(), "predicted"), Side(true.result(), "truth")
+
+    def placed(self, protocol: MetricProtocol) -> Placed:
+        """Both in the frame of a protocol, the prediction aligned.
+
+        Raises:
+            DataError: nothing of the truth is left above a cut, or an alignment fails.
+        """
+        key = protocol.frame.cut_below_m, protocol.alignment
+        kept, mine, true, alignment = self.once(key, lambda: self._moved(protocol))
+        return Placed(mine, true, per_metre(true.index, protocol.frame), alignment, kept)
+
+    def _moved(self, protocol: MetricProtocol) -> tuple[_Once, Side, Side, Aligned]:
+        mine, true, low = self.mine, self.true, protocol.frame.cut_below_m
+        if low is not None:
+            true = Side(SurfaceIndex(cut_below(true.index.mesh, low)), true.role)
+        alignment = aligned(mine.index.mesh, true.index, protocol.alignment)
+        if alignment.by != "none":
+            moved = mine.index.mesh.transformed(np.array(alignment.matrix))
+            mine = Side(SurfaceIndex(moved), mine.role)
+        return _Once(), mine, true, alignment
+
+    def copied(self, protocol: MetricProtocol) -> Placed:
+        """The truth as a perfect copy of itself, in the frame of a protocol."""
+        true = self.placed(protocol).true
+        kept, twin = self.once(("copy", protocol.frame.cut_below_m), lambda: (_Once(), true.copy()))
+        return Placed(twin, true, per_metre(true.index, protocol.frame), UNALIGNED, kept)
+
+
+def per_metre(truth: SurfaceIndex, frame: Frame) -> float:
+    """Units of a frame to a metre."""
+    if frame.unit == "person":
+        return _PERSON_M / float(truth.extent[1]) / _METRES_PER_UNIT
+    return 2.0 / float(truth.extent.max()) if frame.unit == "box" else 1.0
+
+
+def cut_below(mesh: Mesh, low_m: float) -> Mesh:
+    """What of a mesh lies above a height; faces are cut at it.
+
+    Raises:
+        DataError: nothing does.
+    """
+    import trimesh
+
+    plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    cut = trimesh.intersections.slice_mesh_plane(plain, [0, 1, 0], [0, low_m, 0])
+    return Mesh(vertices=cut.vertices, faces=cut.faces, source=f"{mesh.source}, cut")
+
+
+def thinned(points: Floats, cell_m: float) -> Floats:
+    """(M, 3) means of (N, 3) points over the cells of a grid about them, as Open3D thins."""
+    low = points.min(axis=0) - cell_m / 2
+    cells = np.floor((points - low) / cell_m).astype(np.int64)
+    wide = cells.max(axis=0) + 1
+    _, group = np.unique(
+        (cells[:, 0] * wide[1] + cells[:, 1]) * wide[2] + cells[:, 2], return_inverse=True
+    )
+    counts = np.bincount(group)
+    return np.stack([np.bincount(group, axis) / counts for axis in points.T], axis=1)
+
+
+def _drawn(protocol: MetricProtocol) -> tuple[int, Sampling, int]:
+    return protocol.samples, protocol.sampling, protocol.seed

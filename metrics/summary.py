@@ -1,0 +1,132 @@
+"""The summary stage: a protocol's columns as numbers with their unit and standard error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from harness.core.arrays import Floats
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.hashing import derive_seed
+from harness.core.protocol_stages import Column
+from harness.core.results import MetricValue
+from harness.core.settings import MetricProtocol
+from metrics.distance import harmonic_mean, mean_of_directions, nearest_samples
+from metrics.normals import angles_deg, compared, normals_at, weighted
+from metrics.pair import Placed
+from metrics.rendered_normals import Window, rendered_distance
+from metrics.sampling import sample_mean
+from metrics.volume import box_iou, volume_iou
+
+#: Quantities whose two directions share their points, so that they err together.
+_TOGETHER = frozenset({"samples", "sample_cosine", "thinned"})
+_LENGTHS = frozenset({"surface", "edges", "samples", "thinned"})
+#: Where the largest of some sampled values would be by chance: from it to the tenth largest.
+_NEXT = 10
+
+
+def measured(placed: Placed, protocol: MetricProtocol, column: Column) -> MetricValue:
+    """One number of a protocol's summary.
+
+    Raises:
+        DataError: nothing to measure: no normals, no distance near enough, a volume with a hole.
+    """
+    if column.of in ("boxes", "volume", "pictures"):
+        return _of_both(placed, protocol, column)
+    of_direction = partial(_of_direction, placed, protocol, column)
+    if column.way in ("to_truth", "to_prediction"):
+        return of_direction(back=column.way == "to_prediction")
+    there, back = of_direction(back=False), of_direction(back=True)
+    if column.way == "harmonic":
+        return harmonic_mean(there, back)
+    return mean_of_directions(there, back, together=column.of in _TOGETHER)
+
+
+def _of_both(placed: Placed, protocol: MetricProtocol, column: Column) -> MetricValue:
+    """A number that is of no points of either side."""
+    mine, true = placed.mine.index, placed.true.index
+    if column.of == "boxes":
+        return MetricValue(box_iou(mine.bounds, true.bounds), column.unit, 2, 0.0)
+    if column.of == "volume":
+        found = volume_iou(mine, true, derive_seed(protocol.seed, "volume"))
+        return replace(found, unit=column.unit)
+    if protocol.pictures is None:
+        raise HarnessError(f"protocol {protocol.name} does not say how its pictures are made")
+    window = Window(float(true.centre[1]), placed.per_metre)
+    portraits = placed.mine.portraits(window), placed.true.portraits(window)
+    value = rendered_distance(*portraits, protocol.pictures)
+    return MetricValue(value, column.unit, 4, 0.0)
+
+
+def _of_direction(
+    placed: Placed, protocol: MetricProtocol, column: Column, *, back: bool
+) -> MetricValue:
+    values = _values(placed, protocol, column, back=back)
+    factor = column.factor
+    if column.of in _LENGTHS:
+        factor *= placed.per_metre
+        threshold = column.threshold / placed.per_metre
+        if protocol.drop_beyond:
+            values = _near(values, protocol.drop_beyond / placed.per_metre)
+        if column.take in ("below", "within"):
+            within = values <= threshold if column.take == "within" else values < threshold
+            values, factor = within.astype(np.float64), column.factor
+    if column.take == "max":
+        largest = np.sort(values * factor)[::-1]
+        beside = largest[min(_NEXT, len(largest)) - 1]
+        error = float(largest[0] - beside)
+        return MetricValue(float(largest[0]), column.unit, len(values), error)
+    return sample_mean(values * factor, column.unit, protocol.sampling)
+
+
+def _values(placed: Placed, protocol: MetricProtocol, column: Column, *, back: bool) -> Floats:
+    """(N,) metres, degrees or cosines at the points of one direction."""
+    if column.of == "surface":
+        return placed.closest(protocol, back=back)[1]
+    if column.of == "edges":
+        return placed.to_edges(protocol, back=back)
+    if column.of == "samples":
+        return placed.nearest(protocol, back=back)[0]
+    if column.of == "thinned":
+        cell_m = column.threshold / placed.per_metre / 2
+        points, targets = (side.thinned(protocol, cell_m) for side in placed.sides(back=back))
+        return nearest_samples(points, targets)[0]
+    if column.of == "angle":
+        return compared(normal_angles(placed, protocol, back=back))
+    return placed.cosines(protocol, back=back, of_samples=column.of == "sample_cosine")
+
+
+def normal_angles(placed: Placed, protocol: MetricProtocol, *, back: bool) -> Floats:
+    """(N,) degrees between the smooth normals of the drawn points and of their closest points.
+
+    NaN where one has no direction and the protocol leaves such points out.
+    """
+    sampled, other = (
+        side.smooth(seams=protocol.texture_seams == "split") for side in placed.sides(back=back)
+    )
+    drawn = placed.sides(back=back)[0].samples(protocol)
+    # The published evaluator looks at the prediction alone; what it lacks cannot have its mistake.
+    closest = weighted(
+        placed.closest(protocol, back=back)[0],
+        "barycentric" if back else protocol.normal_weights,
+    )
+    cancelled = protocol.cancelled_normals
+    return placed.kept.once(
+        ("angles", back, protocol),
+        lambda: angles_deg(
+            normals_at(sampled, drawn, cancelled), normals_at(other, closest, cancelled)
+        ),
+    )
+
+
+def _near(values: Floats, farthest: float) -> Floats:
+    near = values[values < farthest]
+    if not len(near):
+        raise DataError(
+            "there is no distance to average",
+            expected=f"points nearer than {farthest * 1000:g} mm to the other surface",
+            got=f"{values.min() * 1000:g} mm at least",
+        )
+    return near
