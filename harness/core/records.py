@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -72,7 +72,10 @@ class ProtocolStamp:
         """All settings and the sha in one object, as tables for programs show them."""
         if self.settings is None:
             return {"name": self.name, "version": self.version, "sha": self.sha}
-        return {**self.settings, "sha": self.sha}
+        # In the protocol's order, whatever that of the file that they were read from.
+        named = [f.name for f in fields(MetricProtocol) if f.name in self.settings]
+        ordered = dict.fromkeys([*named, *self.settings])
+        return {**{name: self.settings[name] for name in ordered}, "sha": self.sha}
 
 
 @dataclass(frozen=True, slots=True)

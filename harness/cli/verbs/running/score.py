@@ -115,14 +115,7 @@ def score(
             _write_points(points, outcome)
         _print_pair(predicted, gt, rule, outcome, as_json=as_json)
     elif dataset and gt is None:
-        if len(rules) > 1:
-            raise HarnessError(
-                "a folder is filed under one protocol", got=protocol, hint="Give one --run to each"
-            )
-        if not name:
-            raise HarnessError("a folder needs a name", hint="Give --name mymethod")
-        if points is not None:
-            raise HarnessError("--points is of a single mesh", got="a folder", hint="Give --gt")
+        _check_folder(name, points, rules)
         place = Workspace.default(workspace)
         truth = ScanSet.select(checked, place, dataset, split_names(subjects))
         look = Look("scores of meshes", truth.name, truth.subjects, reason, (name,))
@@ -137,6 +130,19 @@ def score(
             got="both" if gt is not None else "neither",
             hint="Give --gt TRUTH for one mesh, or --dataset NAME --name METHOD for a folder",
         )
+
+
+def _check_folder(name: str, points: Path | None, rules: Sequence[MetricProtocol]) -> None:
+    if len(rules) > 1:
+        raise HarnessError(
+            "a folder is filed under one protocol",
+            got=", ".join(rule.name for rule in rules),
+            hint="Give each a --run of its own",
+        )
+    if not name:
+        raise HarnessError("a folder needs a name", hint="Give --name mymethod")
+    if points is not None:
+        raise HarnessError("--points is of a single mesh", got="a folder", hint="Give --gt")
 
 
 def _check_pair(
