@@ -15,7 +15,9 @@ from harness.geometry.images import MOST_PIXELS, linear_from_srgb, load_rgb, srg
 
 _PLAIN = "plain colours"
 #: As many colours of vertices may tint one texture, each face all over.
-_MOST_TINTS = 16
+_MOST_TINTS, _ALIKE = 16, 1e-3
+#: Of the faces of a texture, these many may lie along the borders of colours.
+_MOST_RUNNING = 0.1
 #: Vertices, faces, their colours, and where these come from, in words.
 _Piece = tuple[Floats, Ints, Paint, str]
 
@@ -66,18 +68,30 @@ def _pieces(part: GlbPart, path: Path) -> list[_Piece]:
         pixels = _decoded(part.picture, path)
         if tints is None:
             return [(vertices, faces, Paint(_tinted(pixels, factor), part.uv, faces), "texture")]
+        runs = np.ptp(tints, axis=1).max(axis=1) > _ALIKE
         shades, which = np.unique(tints[:, 0].round(4), axis=0, return_inverse=True)
-        if np.ptp(tints, axis=1).max() > 1e-3 or len(shades) > _MOST_TINTS:
+        which = np.where(runs, -1, which.reshape(-1))
+        shown = np.unique(which[~runs])
+        if runs.mean() > _MOST_RUNNING or len(shown) > _MOST_TINTS:
             raise DataError(
                 f"{path} has vertex colours that run across the faces of a texture",
                 expected=f"up to {_MOST_TINTS} colours, each all over its faces",
                 hint="Bake them into the texture",
             )
-        chosen = [faces[which.reshape(-1) == number] for number in range(len(shades))]
-        return [
-            (vertices, some, Paint(_tinted(pixels, shade), part.uv, some), "texture")
-            for some, shade in zip(chosen, shades, strict=True)
-        ]
+        found: list[_Piece] = []
+        for number in shown:
+            paint = Paint(_tinted(pixels, shades[number]), part.uv, faces[which == number])
+            found.append((vertices, paint.face_uv, paint, "texture"))
+        if runs.any():
+            # Along borders of colours, faces run from corner to corner.
+            height, width = pixels.shape[:2]
+            x, y = np.moveaxis(part.uv[faces[runs]], -1, 0)
+            texels = pixels[
+                ((1 - y) * height).astype(int) % height, (x * width).astype(int) % width
+            ]
+            corners = _srgb(linear_from_srgb(texels / 255.0) * tints[runs])
+            found.append((vertices, faces[runs], paint_of_corners(corners), "texture"))
+        return found
     if tints is not None:
         return [(vertices, faces, paint_of_corners(_srgb(tints)), "vertex colours")]
     plain = np.full((4, 4, 3), _srgb(factor), np.uint8)

@@ -387,6 +387,16 @@ def test_faces_may_tint_a_texture_each_in_its_colour(tmp_path):
     colours = {tuple(texel) for texel in pixels.reshape(-1, 3).tolist()}
     assert {(200, 30, 30), (95, 9, 9)} <= colours
     assert len(mesh.faces) == len(PERSON.faces)
+    # One face between the two colours.
+    tints[:3] = [[1.0], [0.2], [0.2]]
+    glb_of(path, material, colours=np.repeat(tints, 3, axis=1))
+    painted = read_painted(path)
+    texels = painted.mesh.uv[painted.mesh.face_uv] * painted.pixels.shape[1::-1]
+    ends = painted.pixels[
+        painted.pixels.shape[0] - 1 - texels[..., 1].astype(int), texels[..., 0].astype(int)
+    ]
+    assert (200, 30, 30) in {tuple(texel) for texel in ends[-1].tolist()}
+    assert (95, 9, 9) in {tuple(texel) for texel in ends[-1].tolist()}
     run = np.linspace(0, 1, len(tints))[:, None]
     with pytest.raises(DataError, match="run across the faces of a texture.*Bake"):
         read_painted(glb_of(tmp_path / "p.glb", material, colours=np.repeat(run, 3, axis=1)))
