@@ -49,6 +49,8 @@ class Scan:
         truth_sha256: Digests of body and labels, by file name: scores depend on them, photos do
             not.
         reader: ``code`` and ``packages`` that turn the files into metres, as of ``SourceDigest``.
+        hidden_rule: ``dropped`` if what no outside ray reaches was left out: the truth is the outer
+            surface.
     """
 
     dataset: str
@@ -64,14 +66,17 @@ class Scan:
     front_yaw_deg: float = 0.0
     truth_sha256: Mapping[str, str] = field(default_factory=dict[str, str])
     reader: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    hidden_rule: str = "kept"
 
     def identity(self) -> dict[str, object]:
         """What makes two scans the same: content and rules, not where they lie."""
+        hidden = {} if self.hidden_rule == "kept" else {"hidden_rule": self.hidden_rule}
         return {
             "dataset": self.dataset,
             "subject": self.subject,
             "scale_rule": self.scale_rule,
             "facing_rule": self.facing_rule,
+            **hidden,
             "sha256": dict(self.sha256),
         }
 

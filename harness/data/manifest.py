@@ -83,6 +83,8 @@ class Dataset(_Strict):
         facing: Where subjects face in their files: ``+z``, ``fit`` (the fit's global orientation)
             or the yaw in degrees by subject. They are turned to +Z; under the scale ``units`` they
             are not, and it only decides which view is the front.
+        hidden: ``dropped`` if ``harness data add --drop-hidden`` left out what no outside ray
+            reaches, such as a body under its clothes: the truth is the outer surface.
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
@@ -99,6 +101,7 @@ class Dataset(_Strict):
     root: str
     scale: Annotated[str, BeforeValidator(_scale_rule)]
     facing: Literal["+z", "fit"] | dict[str, float]
+    hidden: Literal["kept", "dropped"] = "kept"
     subjects: tuple[str, ...] = ()
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
     generator: str = AVATARS

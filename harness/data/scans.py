@@ -17,11 +17,13 @@ from harness.core.array_files.pickles import read_array_pickle
 from harness.core.arrays import Floats
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
+from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
 from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
+from harness.data.stature import stature
 from harness.data.thuman import find_subject
 
 if TYPE_CHECKING:
@@ -32,7 +34,9 @@ if TYPE_CHECKING:
 PLAUSIBLE_HEIGHT_M = (1.2, 2.2)
 #: Beyond this, in metres, it is no person at all: millimetres, centimetres, another object.
 _POSSIBLE_HEIGHT_M = (0.3, 3.0)
-_APPEARANCE_SUFFIXES = (".mtl", ".jpeg", ".jpg", ".png")
+#: Beside a scan that was converted: what it was made from, and how.
+ADDED = "added.json"
+APPEARANCE_SUFFIXES = (".mtl", ".jpeg", ".jpg", ".png")
 
 
 def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
@@ -45,14 +49,20 @@ def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
         subject: One of its ids.
 
     Raises:
-        DataError: no scan below the root.
+        DataError: no scan below the root, or one whose hidden layers were not left out although
+            the entry says so.
     """
     files = find_subject(root, subject)
+    if dataset.hidden == "dropped" and not _is_outer(files.mesh.with_name(ADDED)):
+        raise DataError(
+            f"the hidden layers of {files.mesh} were not left out, as 'hidden: dropped' says",
+            hint="Add the scans with 'harness data add --drop-hidden', which writes that entry",
+        )
     uses_fit = "fit" in (dataset.scale, dataset.facing)
     content = [
         path
         for path in sorted(files.mesh.parent.iterdir())
-        if path == files.mesh or path.suffix.lower() in _APPEARANCE_SUFFIXES
+        if path == files.mesh or path.suffix.lower() in APPEARANCE_SUFFIXES
     ]
     if uses_fit and files.fit:
         content.append(files.fit)
@@ -63,6 +73,7 @@ def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
         mesh_path=files.mesh,
         scale_rule=dataset.scale,
         facing_rule=str(facing),
+        hidden_rule=dataset.hidden,
         scan_to_world=np.eye(4),
         sha256={path.name: file_sha256(path) for path in content},
         body_path=files.body,
@@ -72,6 +83,10 @@ def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
         },
         reader=SourceTree.installed().digest([__name__], [SourceTree.__module__]).to_dict(),
     )
+
+
+def _is_outer(mark: Path) -> bool:
+    return mark.is_file() and bool(read_json(mark).get("conversion", {}).get("outer"))
 
 
 def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Scan, Mesh]:
@@ -94,7 +109,10 @@ def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Sc
     scale = _metres_per_unit(dataset, subject, fit, mesh)
     scan_to_world = _placement(mesh, scale, yaw)
     world_mesh = mesh.transformed(scan_to_world)
-    warnings = _height_warnings(subject, dataset, float(world_mesh.extent[1]))
+    # Specks beyond the person do not count for a height that is given.
+    given_m = dataset.scale.removeprefix("height=")
+    high_m = float(world_mesh.extent[1] if given_m == dataset.scale else given_m)
+    warnings = _height_warnings(subject, dataset, high_m)
     return replace(scan, scan_to_world=scan_to_world, warnings=warnings), world_mesh
 
 
@@ -107,7 +125,7 @@ def _metres_per_unit(dataset: Dataset, subject: str, fit_path: Path | None, mesh
     if dataset.scale == "metres":
         return 1.0
     if dataset.scale.startswith("height="):
-        return float(dataset.scale.removeprefix("height=")) / float(mesh.extent[1])
+        return float(dataset.scale.removeprefix("height=")) / float(stature(mesh).extent[1])
     fit = _fit(subject, fit_path, "scale: fit")
     if "scale" not in fit or fit["scale"].size != 1 or not fit["scale"].item() > 0:
         raise DataError(

@@ -21,6 +21,7 @@ from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
 from harness.data.scans import PLAUSIBLE_HEIGHT_M, load_scan, locate_scan
+from harness.data.stature import stature
 from harness.data.thuman_trees import ThumanFiles, find_thuman
 
 if TYPE_CHECKING:
@@ -184,8 +185,8 @@ def _placement(mesh: Mesh, dataset: Dataset, rule: _Placed, subject: str) -> Flo
     yaw = math.radians(dataset.facing[subject]) if isinstance(dataset.facing, dict) else 0.0
     yaw = rule.yaw_rad if dataset.facing == "fit" else yaw
     turn = rotation_of(np.array([0.0, -yaw, 0.0])) @ rule.upright
-    height = float(np.ptp(mesh.vertices @ turn[1]))
     if dataset.scale.startswith("height="):
+        height = float(stature(replace(mesh, vertices=mesh.vertices @ turn.T)).extent[1])
         scale = float(dataset.scale.removeprefix("height=")) / height
     else:
         scale = 1.0 if dataset.scale == "metres" else 1.0 / rule.units_per_metre

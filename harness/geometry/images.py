@@ -151,12 +151,12 @@ def eight_bit(image: Image, mode: Literal["L", "RGB", "RGBA"]) -> Image:
     return Pillow.fromarray(scaled.astype(np.uint8)).convert(mode)
 
 
-def check_picture(path: Path) -> None:
-    """Refuse, by its header alone, what ``load_rgb`` would refuse for its format or size.
+def check_picture(path: Path) -> str:
+    """Pillow's mode of a picture; refused, by its header alone, as ``load_rgb`` would refuse it.
 
     For programs of others that read the picture themselves. Raises as ``load_rgb``.
     """
-    _read(path, _TEXTURE_FORMATS, lambda image: image.size)
+    return _read(path, _TEXTURE_FORMATS, lambda image: image.mode)
 
 
 def _open_png(path: Path) -> Image:

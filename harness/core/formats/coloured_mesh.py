@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Bytes, Floats, Mask
+from harness.core.arrays import Bytes, Floats, Ints, Mask
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.mesh import Mesh
@@ -22,6 +22,25 @@ from harness.core.mesh import Mesh
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileColours:
+    """A file's surface and all that it says of its colours.
+
+    Attributes:
+        mesh: The surface, with texture coordinates where the file has them.
+        part: (F,) which of the file's materials or pictures, by number, each face has.
+        names: What the file calls materials, by number; none where it numbers pictures.
+        vertices: (V, 3) uint8 sRGB, or None.
+        faces: (F, 3) uint8 sRGB, or None.
+    """
+
+    mesh: Mesh
+    part: Ints
+    names: tuple[str, ...] = ()
+    vertices: Bytes | None = None
+    faces: Bytes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

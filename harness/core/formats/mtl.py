@@ -131,10 +131,8 @@ class Materials:
             return picture
         words = [f"{each.path.name} by -s or -o" if each.is_placed else each.path.name
                  for each in shown if each]  # fmt: skip
-        plain = [each.name for each in used if each and not each.map]
-        words += [f"no picture of {', '.join(plain)}"] if plain else []
-        words += [f"materials that are not defined: {', '.join(self.undefined)}"
-                  ] if self.undefined else []  # fmt: skip
+        words += [f"the plain colour of {each.name}" for each in used if each and not each.map]
+        words += [f"{name}, which is not defined" for name in self.undefined]
         return ", ".join(sorted(words)) or "none"
 
 

@@ -13,9 +13,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Bytes, Ints
+from harness.core.arrays import Bytes, Floats, Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
+from harness.core.formats.coloured_mesh import FileColours
 from harness.core.formats.mtl import texture_image
 from harness.core.formats.polygons import cut_polygons
 from harness.core.mesh import Mesh
@@ -44,13 +45,26 @@ def read_obj(path: Path, *, texture: bool, seams: bool = False) -> Mesh:
     return _ObjFile(path).mesh(texture=texture, seams=seams)
 
 
-def read_obj_colours(path: Path) -> Bytes | None:
-    """(V, 3) uint8 sRGB of the vertices, None if they have no colours: from 0 to 1, or 0 to 255.
+def read_obj_colours(path: Path) -> FileColours:
+    """The mesh of an OBJ file with the names of its materials and the colours of its vertices.
+
+    Name 0 is empty: that of faces before any ``usemtl``.
 
     Raises:
-        DataError: other numbers than these after the coordinates.
+        DataError: as ``read_obj``; no colours in the numbers after coordinates.
     """
-    columns = _ObjFile(path).vertices[:, 3:]
+    file = _ObjFile(path)
+    part = file.records.count_before(b"usemtl", b"f")
+    return FileColours(
+        file.mesh(texture=False, seams=True),
+        np.repeat(part, file.corners.counts - 2),
+        ("", *file.records.texts(b"usemtl")),
+        _vertex_colours(file.vertices[:, 3:], path),
+    )
+
+
+def _vertex_colours(columns: Floats, path: Path) -> Bytes | None:
+    """(V, 3) uint8 of what follows coordinates, from 0 to 1 or 0 to 255; None if nothing does."""
     width = columns.shape[1]
     if width in (0, 1):
         return None

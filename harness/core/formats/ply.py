@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Ints
+from harness.core.arrays import Bytes, Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
+from harness.core.formats.coloured_mesh import FileColours
 from harness.core.formats.polygons import cut_polygons
 from harness.core.mesh import Mesh
 
@@ -26,6 +27,9 @@ _KINDS = {
 }  # fmt: skip
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
+_CHANNELS = ("red", "green", "blue")
+#: What programs call the texture coordinates of vertices.
+_COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _MOST_HEADER_BYTES = 65_536
 #: Every line ends as the first one does; a binary file may go on with any byte.
 _HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r)(.*?)(?<=[\r\n])end_header[ \t]*\1", re.DOTALL)
@@ -55,7 +59,59 @@ def read_ply(path: Path) -> Mesh:
         DataError: not a PLY, truncated, more rows than it has bytes, without x, y, z, in strips of
             triangles, or a point cloud without faces.
     """
+    return _surface(path, _read_tables(path))[0]
+
+
+def read_ply_colours(path: Path) -> FileColours:
+    """The mesh of a PLY file with the colours and texture coordinates of vertices or faces.
+
+    Raises:
+        DataError: as ``read_ply``; colours of a type whose white is not known.
+    """
     tables = _read_tables(path)
+    mesh, cut, counts = _surface(path, tables)
+    # The polygon of each triangle.
+    of = np.repeat(np.arange(len(counts)), counts - 2)
+    vertex, face = (
+        {
+            name: np.concatenate([run.ravel() for run in runs])
+            for name, runs in tables[element].items()
+        }
+        for element in ("vertex", "face")
+    )
+    if (wedges := face.get("texcoord")) is not None:
+        if len(wedges) != 2 * counts.sum():
+            raise DataError(f"{path} has faces without texture coordinates at all their corners")
+        mesh = replace(mesh, uv=wedges.reshape(-1, 2), face_uv=cut)
+    for pair in _COORDINATES:
+        if mesh.uv is None and all(name in vertex for name in pair):
+            uv = np.stack([vertex[name] for name in pair], axis=1)
+            mesh = replace(mesh, uv=uv, face_uv=mesh.faces)
+    faces = _colours(path, face)
+    part = face.get("texnumber", np.zeros(len(counts))).astype(np.int64)
+    return FileColours(
+        mesh, part[of], (), _colours(path, vertex), None if faces is None else faces[of]
+    )
+
+
+def _colours(path: Path, columns: dict[str, NDArray[Any]]) -> Bytes | None:
+    """(N, 3) uint8 sRGB; None if there are no colours."""
+    if any(name not in columns for name in _CHANNELS):
+        return None
+    values = np.stack([columns[name] for name in _CHANNELS], axis=1)
+    white = {"u1": 255, "u2": 65535, "f4": 1, "f8": 1}.get(values.dtype.str[1:])
+    if white is None or not (values >= 0).all() or values.max() > white:
+        raise DataError(
+            f"{path} has colours of another type than can be read",
+            expected="uchar, ushort, or float from 0 to 1",
+            got=f"{values.dtype} from {values.min():g} to {values.max():g}",
+            hint="Export it with colours of 8 bits",
+        )
+    return np.round(values * (255 / white)).astype(np.uint8)
+
+
+def _surface(path: Path, tables: dict[str, dict[str, Runs]]) -> tuple[Mesh, Ints, Ints]:
+    """The mesh, (T, 3) places of its triangles among all corners, and (F,) corners of polygons."""
     if "tristrips" in tables:
         raise DataError(
             f"{path} holds its faces as tristrips, strips of triangles, which are not read",
@@ -65,12 +121,12 @@ def read_ply(path: Path) -> Mesh:
     vertices = _positions(tables, path)
     try:
         corners, counts = _polygons(tables)
-        faces = corners[cut_polygons(vertices, corners, counts)]
+        cut = cut_polygons(vertices, corners, counts)
     except ValueError as error:
         raise DataError(f"{path} is truncated or broken", got=str(error)) from error
     except DataError as error:
         raise error.located(path) from error
-    return Mesh(vertices=vertices, faces=faces, source=str(path))
+    return Mesh(vertices=vertices, faces=corners[cut], source=str(path)), cut, counts
 
 
 def _read_tables(path: Path) -> dict[str, dict[str, Runs]]:
@@ -236,7 +292,11 @@ def _split_columns(
     position = 0
     for prop in element.properties:
         if not prop.count_kind:
-            columns[prop.name].append(table[:, position])
+            values = table[:, position]
+            with np.errstate(invalid="ignore"):
+                whole = values.astype(prop.kind if prop.kind[0] in "iu" else np.int64)
+            is_whole = prop.kind[0] in "iu" and np.array_equal(whole, values)
+            columns[prop.name].append(whole if is_whole else values)
             position += 1
             continue
         length = remaining.pop(0)

@@ -133,6 +133,8 @@ def _entry(name: str, dataset: Dataset, indent: int) -> list[str]:
     else:
         yaws = [f"{_quoted(subject)}: {yaw!r}" for subject, yaw in dataset.facing.items()]
         lines += _wrapped(f"{inner}facing: {{", yaws, "}")
+    if dataset.hidden != "kept":
+        lines.append(f"{inner}hidden: {dataset.hidden}")
     if dataset.subjects:
         lines += _wrapped(f"{inner}subjects: [", [_quoted(each) for each in dataset.subjects], "]")
     return lines

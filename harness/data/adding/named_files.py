@@ -6,58 +6,61 @@ import re
 from pathlib import Path
 
 from harness.core.errors import DataError
+from harness.core.formats.mtl import Picture, materials_of, picture_file
+from harness.data.scans import APPEARANCE_SUFFIXES
+from harness.geometry.images import check_picture
 
-_MTLLIB = re.compile(rb"^mtllib[ \t]+(.*\S)", re.MULTILINE)
-_MATERIAL = re.compile(r"^\s*newmtl\s", re.IGNORECASE | re.MULTILINE)
-_MAP = re.compile(r"^\s*map_kd\s+(.*\S)", re.IGNORECASE | re.MULTILINE)
-_PLY_PICTURE = re.compile(rb"^comment TextureFile (.*\S)", re.IGNORECASE | re.MULTILINE)
+#: Modes of pictures that every renderer reads alike.
+_MODES = ("RGB", "RGBA", "L", "P")
+_PLY_PICTURE = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.*\S)", re.IGNORECASE | re.MULTILINE)
 _HEADER_BYTES = 65_536
 
 
-def material_files(path: Path) -> list[Path]:
-    """The material files that an OBJ names; none for other formats.
+def named_files(path: Path, *folders: Path) -> list[Path]:
+    """The material files and pictures that an OBJ or a PLY names and shows, in order.
+
+    Args:
+        path: The scan's file.
+        folders: Further folders in which they may lie.
 
     Raises:
-        DataError: one is not there.
+        DataError: one that lies elsewhere; a material file or a material's picture that is not
+            there, or is placed in a way that is not applied.
     """
-    if path.suffix.lower() != ".obj":
-        return []
-    found: list[Path] = []
-    for name in dict.fromkeys(_MTLLIB.findall(path.read_bytes())):
-        file = path.parent / name.decode("utf-8", errors="replace")
-        if not file.is_file():
-            raise DataError(f"{path} names a material file that is not there", expected=str(file))
-        found.append(file)
-    return found
+    if path.suffix.lower() == ".obj":
+        materials = materials_of(path, *folders)
+        used = [materials.of(name) for name in materials.named or ("",)]
+        pictures = [each.picture(path, *folders) if each else None for each in used]
+        return [*materials.files, *dict.fromkeys(each.path for each in pictures if each)]
+    return ply_pictures(path, *folders) if path.suffix.lower() == ".ply" else []
 
 
-def picture_files(path: Path) -> list[Path]:
-    """The pictures that an OBJ's materials or a PLY name, whether they are there or not."""
-    if path.suffix.lower() == ".ply":
-        with path.open("rb") as stream:
-            head = stream.read(_HEADER_BYTES).split(b"end_header")[0]
-        names = [name.decode("utf-8", errors="replace") for name in _PLY_PICTURE.findall(head)]
-    else:
-        names = [line.split()[-1] if has_options else line for line, has_options in _maps(path)]
-    return [path.parent / name for name in names]
+def ply_pictures(path: Path, *folders: Path) -> list[Path]:
+    """The pictures that a PLY names, whether they are there or not, by their number."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEADER_BYTES).split(b"end_header")[0]
+    names = [name.decode("utf-8", errors="replace") for name in _PLY_PICTURE.findall(head)]
+    return [picture_file(path, name, path.parent, *folders) for name in names]
 
 
-def maps_with_options(path: Path) -> list[str]:
-    """The lines of an OBJ's materials that name a picture together with options such as ``-s``."""
-    return [line for line, has_options in _maps(path) if has_options]
+def why_converted(path: Path, *folders: Path) -> str:
+    """Why an OBJ cannot be read where it lies, in words; empty if it can, or cannot be read at all.
 
-
-def _maps(path: Path) -> list[tuple[str, bool]]:
-    """What follows ``map_Kd``, and whether that is more than a name, which may have spaces."""
-    lines = dict.fromkeys(line for text in _texts(path) for line in _MAP.findall(text))
-    return [(line, line.startswith("-") and not (path.parent / line).is_file()) for line in lines]
-
-
-def has_one_picture(path: Path) -> bool:
-    """Whether a file is an OBJ with one material, and that a picture."""
-    text = "\n".join(_texts(path))
-    return len(_MATERIAL.findall(text)) == 1 and len(_MAP.findall(text)) == 1
-
-
-def _texts(path: Path) -> list[str]:
-    return [file.read_text(encoding="utf-8", errors="replace") for file in material_files(path)]
+    It can if all its faces show one picture as it is, of a usual kind, that lies beside it.
+    """
+    try:
+        found = materials_of(path, *folders).only_picture(*folders)
+        if not isinstance(found, Picture):
+            return f"{path.stem} does not show one picture all over, but {found}"
+        if not re.search(rb"[\r\n][ \t]*vt[ \t]", path.read_bytes()):
+            return f"{path.stem} has a picture, but no texture coordinates"
+        mode = check_picture(found.path)
+    except DataError:
+        # Nor can it be converted: whoever reads it says why.
+        return ""
+    beside = found.path.parent == path.parent
+    if beside and found.path.suffix.lower() in APPEARANCE_SUFFIXES and mode in _MODES:
+        return ""
+    return (
+        f"{path.stem} has a picture {found.path.name} elsewhere, or of another kind (mode {mode})"
+    )

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import exclusive_lock
 from harness.core.files.names import checked_name
+from harness.core.formats.mtl import materials_of
 from harness.core.units import UNITS_RULE
-from harness.data.adding.converted import Conversion, convert_scan, is_converted
+from harness.data.adding.converted import Conversion, convert_scan, is_converted, told_of
 from harness.data.adding.layouts import FoundFolder, Layout, find_layout
 from harness.data.manifest import Dataset
+from harness.data.stature import stature
 from harness.data.subjects import load_subject
 from harness.geometry.images import load_rgb
+from harness.geometry.occlusion import hidden_share
 from harness.pipeline.adding.captures import copied_capture
 from harness.pipeline.adding.entry import check_name, manifest_to_write, write_entry
 from harness.pipeline.adding.request import UNSTATED_LICENCE, Added, AddRequest, CheckedSubject
@@ -24,6 +27,8 @@ from harness.pipeline.progress import Progress
 
 #: A person whose height is less than this share of the longest side probably lies.
 _LYING = 0.6
+#: Folds of clothes hide less than this share of a scan's area.
+_LAYERED = 0.1
 
 
 def add_dataset(request: AddRequest, progress: Progress) -> Added:
@@ -64,7 +69,7 @@ def _scans(found: FoundFolder, request: AddRequest, progress: Progress) -> Found
         return (
             dataset,
             _each(found, progress, _Check(request.name, dataset, found.root)),
-            f"{rules.words}; read where they lie",
+            rules.words,
         )
     place = request.workspace.root / "data" / request.name
     _check_apart(found.root, place)
@@ -77,8 +82,8 @@ def _scans(found: FoundFolder, request: AddRequest, progress: Progress) -> Found
 
 
 def _captures(found: FoundFolder, request: AddRequest, progress: Progress) -> Found:
-    given = [f"--{name}" for name in ("scale", "facing", "up", "grey", "copy")
-             if getattr(request, name)]  # fmt: skip
+    options = ("scale", "facing", "up", "grey", "copy", "drop_hidden")
+    given = [f"--{name.replace('_', '-')}" for name in options if getattr(request, name)]
     if given:
         raise HarnessError(
             f"captures have a world of their own and take no {', '.join(given)}",
@@ -137,10 +142,18 @@ class _Check:
             ) from error
         assert mesh.texture is not None
         rows, columns = load_rgb(mesh.texture).shape[:2]
-        high = float(mesh.extent[1])
+        size, hidden = stature(mesh), hidden_share(mesh)
         unit = "units" if self.dataset.scale == UNITS_RULE else "m"
-        note = f"{high:.2f} {unit} high, {len(mesh.faces)} faces, texture {columns} x {rows}"
-        return CheckedSubject(subject, note, (*scan.warnings, *_lies(mesh.extent.tolist())))
+        note = (
+            f"{size.extent[1]:.2f} {unit} high, {len(mesh.faces)} faces, "
+            f"texture {columns} x {rows}, {hidden:.0%} hidden"
+        )
+        told = [*scan.warnings, *size.told, *_lies(size.extent.tolist()), *_hides(hidden)]
+        told += [
+            f"no material file defines '{name}', which faces name"
+            for name in materials_of(scan.mesh_path).undefined
+        ]
+        return CheckedSubject(subject, note, tuple(told))
 
 
 def _lies(sides: list[float]) -> tuple[str, ...]:
@@ -148,6 +161,15 @@ def _lies(sides: list[float]) -> tuple[str, ...]:
         return ()
     shown = " x ".join(f"{side:.2f}" for side in sides)
     return (f"measures {shown}, so that it may lie: is --up right?",)
+
+
+def _hides(share: float) -> tuple[str, ...]:
+    if share < _LAYERED:
+        return ()
+    return (
+        f"no ray from outside reaches {share:.0%} of its area, as of a body under its clothes: it "
+        "counts against surfaces that are right outside. --drop-hidden leaves it out of the truth",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +185,8 @@ class _Convert:
         source, directory = self.sources[subject], self.place / subject
         if not is_converted(source, self.conversion, directory):
             convert_scan(source, self.conversion, directory)
-        return self.check(subject)
+        checked = self.check(subject)
+        return replace(checked, warnings=(*told_of(directory), *checked.warnings))
 
 
 def _dataset(request: AddRequest, rules: Rules, found: FoundFolder, root: str) -> Dataset:
@@ -174,6 +197,7 @@ def _dataset(request: AddRequest, rules: Rules, found: FoundFolder, root: str) -
         root=root,
         scale=rules.scale,
         facing=rules.facing,
+        hidden="dropped" if request.drop_hidden else "kept",
         subjects=tuple(found.subjects),
     )
 

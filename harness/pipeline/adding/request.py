@@ -28,6 +28,7 @@ class AddRequest:
         licence: Of the scans; ``UNSTATED_LICENCE`` if empty.
         grey: Whether scans without colours are made grey.
         copy: Whether a tree is converted instead of read where it lies.
+        drop_hidden: Whether layers that no outside ray reaches are left out.
         replace: Whether an entry that was written by this command is replaced.
         skip_bad: Whether subjects that fail are left out.
     """
@@ -44,6 +45,7 @@ class AddRequest:
     licence: str = ""
     grey: bool = False
     copy: bool = False
+    drop_hidden: bool = False
     replace: bool = False
     skip_bad: bool = False
 

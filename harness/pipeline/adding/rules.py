@@ -15,6 +15,7 @@ from harness.core.formats.mesh_files import load_mesh
 from harness.core.units import UNITS_RULE
 from harness.data.adding.converted import UPS, Conversion
 from harness.data.adding.layouts import FoundFolder, Layout
+from harness.data.adding.named_files import why_converted
 from harness.data.thuman_trees import find_thuman
 from harness.pipeline.adding.request import AddRequest
 
@@ -55,19 +56,20 @@ def rules_of(found: FoundFolder, request: AddRequest) -> Rules:
         HarnessError: an option that is missing, of another form, or at odds with the folder; a
             missing one is answered with the size of the first scan.
     """
-    in_place = found.layout is Layout.tree and not request.copy
-    has_fits = in_place and _has_fits(found)
+    reason = _why_converted(found, request)
+    has_fits = not reason and _has_fits(found)
     scale = request.scale or (_FIT if has_fits else "")
     facing = request.facing or (_FIT if has_fits else "")
     up = (request.up or _default_up(found)).lower()
-    _check_options(scale, up, _FIT in (scale, facing) and not has_fits)
-    _check_given(found, scale, facing, up)
-    if in_place and (up != _Y_UP or scale in ("cm", "mm") or request.grey):
+    _check_options(scale, up)
+    if _FIT in (scale, facing) and not has_fits:
         raise HarnessError(
-            "a tree as THuman's is read where it lies: upright, in its units, with its textures",
-            got=f"--up {up}, --scale {scale}{', --grey' if request.grey else ''}",
-            hint="Add --copy to convert it into the workspace",
+            "the rule 'fit' needs SMPL-X fits beside scans that are read where they lie",
+            expected="smplx_param.pkl below the folder or in a folder beside it",
+            got=f"scans that are converted: {reason}" if reason else "no fits",
+            hint="Give --scale and --facing by other rules",
         )
+    _check_given(found, {"--up": up, "--scale": scale, "--facing": facing}, reason)
     if scale == UNITS_RULE and up != _Y_UP:
         raise HarnessError(
             "--scale units keeps the scans' own axes, which have to be +Y up", got=f"--up {up}"
@@ -75,12 +77,32 @@ def rules_of(found: FoundFolder, request: AddRequest) -> Rules:
     rule = "metres" if scale in _METRES else scale
     height = _HEIGHT.fullmatch(scale)
     conversion = None
-    if not in_place:
+    if reason:
         metres = float(height[1]) if height else 0.0
-        conversion = Conversion(up, metres, _METRES.get(scale, 1.0), request.grey)
+        conversion = Conversion(up, metres, _METRES.get(scale, 1.0), request.grey,
+                                request.drop_hidden, found.root)  # fmt: skip
     kind = "thuman" if has_fits else "scans"
     words = f"up {up}, scale {scale}, facing {facing}"
+    if found.layout is Layout.tree:
+        words += f"; converted: {reason}" if reason else "; read where they lie"
     return Rules(kind, rule, _facing(facing, tuple(found.subjects)), conversion, words)
+
+
+def _why_converted(found: FoundFolder, request: AddRequest) -> str:
+    """Why scans are converted, in words; empty for a tree that can be read where it lies."""
+    if found.layout is not Layout.tree:
+        return "not a tree as THuman's"
+    reasons = {
+        "--copy": request.copy,
+        "--grey": request.grey,
+        "hidden layers are left out": request.drop_hidden,
+        f"--up {request.up}": request.up and request.up.lower() != _Y_UP,
+        f"--scale {request.scale}": request.scale in ("cm", "mm"),
+    }
+    if given := [reason for reason, holds in reasons.items() if holds]:
+        return ", ".join(given)
+    scans = (why_converted(path, found.root) for path in found.subjects.values())
+    return next(filter(None, scans), "")
 
 
 def _has_fits(found: FoundFolder) -> bool:
@@ -93,7 +115,7 @@ def _default_up(found: FoundFolder) -> str:
     return _Y_UP if found.layout is Layout.tree or all_glb else ""
 
 
-def _check_options(scale: str, up: str, wants_fit: bool) -> None:
+def _check_options(scale: str, up: str) -> None:
     if scale and scale not in (*_METRES, UNITS_RULE, _FIT) and not _is_height(scale):
         raise HarnessError(
             f"--scale {scale} is no rule",
@@ -101,12 +123,6 @@ def _check_options(scale: str, up: str, wants_fit: bool) -> None:
         )
     if up and up not in UPS:
         raise HarnessError(f"--up {up} is no axis", expected=", ".join(UPS))
-    if wants_fit:
-        raise HarnessError(
-            "the rule 'fit' needs SMPL-X fits beside scans that are read where they lie",
-            expected="smplx_param.pkl below the folder or in a folder beside it, and no --copy",
-            hint="Give --scale and --facing by other rules",
-        )
 
 
 def _is_height(scale: str) -> bool:
@@ -114,9 +130,9 @@ def _is_height(scale: str) -> bool:
     return match is not None and 0.3 <= float(match[1]) <= 3.0
 
 
-def _check_given(found: FoundFolder, scale: str, facing: str, up: str) -> None:
+def _check_given(found: FoundFolder, given: Mapping[str, str], reason: str) -> None:
     """Answer missing options with what the first scan measures."""
-    given = {"--up": up, "--scale": scale, "--facing": facing}
+    up = given["--up"]
     missing = [option for option, value in given.items() if not value]
     if not missing:
         return
@@ -133,7 +149,8 @@ def _check_given(found: FoundFolder, scale: str, facing: str, up: str) -> None:
     }
     raise HarnessError(
         f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing and never guessed",
-        got=f"scan '{subject}' measures {sides} units along x, y and z",
+        got=f"scan '{subject}' measures {sides} units along x, y and z"
+        + (f"; scans are converted: {reason}" if found.layout is Layout.tree and reason else ""),
         hint=". ".join(advice[option] for option in missing),
     )
 

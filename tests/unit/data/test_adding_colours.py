@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -215,12 +216,12 @@ def test_a_picture_that_is_missing_or_damaged_is_named(tmp_path):
     with pytest.raises(DataError):
         read_painted(path)
     picture.unlink()
-    with pytest.raises(DataError, match="missing or damaged.*lower.png"):
+    with pytest.raises(DataError, match="missing.*lower.png"):
         read_painted(path)
     picture.write_bytes(whole)
     materials = tmp_path / "material0.mtl"
-    materials.write_text(materials.read_text().replace("Kd lower", "Kd -s 2 2 1 lower"))
-    with pytest.raises(DataError, match="by options.*-s 2 2 1 lower.png"):
+    materials.write_text(materials.read_text().replace("Kd lower", "Kd -t 2 2 1 lower"))
+    with pytest.raises(DataError, match="by '-t'.*map_Kd -t 2 2 1 lower.png"):
         read_painted(path)
     (tmp_path / "material0.mtl").unlink()
     with pytest.raises(DataError, match="names a material file that is not there"):
@@ -236,17 +237,183 @@ def test_damaged_meshes_are_refused(tmp_path):
             read_painted(tmp_path / name)
 
 
-def test_colours_of_sixteen_bits_in_a_ply_are_refused(tmp_path):
-    rows = "".join(f"{x} {y} {z} 65535 0 9000\n" for x, y, z in PERSON.vertices)
-    faces = "".join(f"3 {a} {b} {c}\n" for a, b, c in PERSON.faces)
-    names = "".join(f"property ushort {name}\n" for name in ("red", "green", "blue"))
-    (tmp_path / "p.ply").write_text(
-        f"ply\nformat ascii 1.0\nelement vertex {len(PERSON.vertices)}\nproperty float x\n"
-        f"property float y\nproperty float z\n{names}element face {len(PERSON.faces)}\n"
-        f"property list uchar int vertex_indices\nend_header\n{rows}{faces}"
+def put_ascii_ply(path: Path, head: str, ends: list[str], faces: list[str]) -> Path:
+    """The person with more properties: of vertices in ``head``, and what follows in ``faces``."""
+    rows = [f"{x} {y} {z} {end}" for (x, y, z), end in zip(PERSON.vertices, ends, strict=True)]
+    rows += [f"3 {a} {b} {c} {end}" for (a, b, c), end in zip(PERSON.faces, faces, strict=True)]
+    of_vertices, _, of_faces = head.partition("|")
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex {len(ends)}\nproperty float x\n"
+        f"property float y\nproperty float z\n{of_vertices}element face {len(faces)}\n"
+        f"property list uchar int vertex_indices\n{of_faces}end_header\n" + "\n".join(rows) + "\n"
     )
-    with pytest.raises(DataError, match="colours of another type"):
-        read_painted(tmp_path / "p.ply")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "end", "wanted"),
+    [
+        ("ushort", "65535 0 9000", (255, 0, 35)),
+        ("uint8", "255 0 35", (255, 0, 35)),
+        ("double", "1 0 0.1373", (255, 0, 35)),
+        ("float", "1.5 0 0", None),
+        ("int", "255 0 35", None),
+        ("uchar", "256 0 35", None),
+    ],
+)
+def test_colours_in_a_ply_are_read_by_their_type(tmp_path, kind, end, wanted):
+    head = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
+    path = put_ascii_ply(tmp_path / "p.ply", head, [end] * len(PERSON.vertices),
+                         [""] * len(PERSON.faces))  # fmt: skip
+    if wanted is None:
+        with pytest.raises(DataError, match="colours of another type"):
+            read_painted(path)
+    else:
+        painted = read_painted(path)
+        assert set(map(tuple, painted.pixels[:2, :2].reshape(-1, 3).tolist())) == {wanted}
+
+
+def of_faces(painted) -> np.ndarray:
+    """(F, 3) colour at the middle of each face."""
+    rows, columns = painted.pixels.shape[:2]
+    u, v = np.moveaxis(painted.mesh.uv[painted.mesh.face_uv].mean(axis=1) % 1.0, 1, 0)
+    return painted.pixels[((1 - v) * rows).astype(int), (u * columns).astype(int)]
+
+
+HEAD = np.arange(len(PERSON.faces)) < len(PERSON.faces) // 6
+RED, BLUE = (200, 30, 30), (40, 60, 210)
+
+
+def put_plain(path: Path, colour) -> None:
+    Image.new("RGB", (4, 4), colour).save(path)
+
+
+@pytest.mark.parametrize("number", ["texnumber", "vertex"])
+@pytest.mark.parametrize("order", [(RED, BLUE), (BLUE, RED)])
+def test_a_ply_shows_all_of_its_pictures(tmp_path, number, order):
+    for name, colour in zip("ab", order, strict=True):
+        put_plain(tmp_path / f"{name}.png", colour)
+    head = "property float s\nproperty float t\n|property int texnumber\n"
+    corners = ["0.5 0.5"] * len(PERSON.vertices)
+    ends = [str(int(each)) for each in HEAD]
+    if number == "texnumber":
+        head = "|property list uchar float texcoord\nproperty int texnumber\n"
+        corners, ends = [""] * len(corners), [f"6 .5 .5 .4 .5 .5 .6 {end}" for end in ends]
+    path = put_ascii_ply(tmp_path / "p.ply", head, corners, ends)
+    path.write_text(path.read_text().replace(
+        "1.0\n", "1.0\ncomment TextureFile a.png\ncomment TextureFile B.PNG\n", 1))  # fmt: skip
+    painted = read_painted(path)
+    np.testing.assert_array_equal(of_faces(painted), np.where(HEAD[:, None], order[1], order[0]))
+    assert painted.told == ()
+    # A number without a picture, and pictures without numbers, are told.
+    path.write_text(path.read_text().replace("comment TextureFile B.PNG\n", ""))
+    painted = read_painted(path)
+    np.testing.assert_array_equal(of_faces(painted), np.where(HEAD[:, None], 160, order[0]))
+    assert painted.told == ("some faces show none of its 1 pictures", "faces of no colour are grey")
+
+
+def test_pictures_of_a_ply_without_numbers_are_told(tmp_path):
+    put_plain(tmp_path / "a.png", RED)
+    ends = ["0.5 0.5"] * len(PERSON.vertices)
+    path = put_ascii_ply(tmp_path / "p.ply", "property float u\nproperty float v\n", ends,
+                         [""] * len(PERSON.faces))  # fmt: skip
+    lines = "1.0\ncomment TextureFile a.png\ncomment TextureFile b.png\n"
+    path.write_text(path.read_text().replace("1.0\n", lines, 1))
+    painted = read_painted(path)
+    assert set(map(tuple, of_faces(painted).tolist())) == {RED}
+    assert painted.told == (
+        "all faces show the first of its 2 pictures: no 'texnumber' names others",
+    )
+
+
+def put_materials(folder: Path, mtl: str, *names: str) -> Path:
+    """The person of red and blue pictures; its head and its rest are of the materials named."""
+    put_obj(folder / "scan.obj", PERSON)
+    for name, colour in (("red.png", RED), ("blue.png", BLUE)):
+        put_plain(folder / name, colour)
+    (folder / "material0.mtl").write_text(mtl)
+    rows = (folder / "scan.obj").read_text().replace("usemtl material0\n", "").splitlines()
+    first = next(k for k, row in enumerate(rows) if row.startswith("f "))
+    last = first + int(HEAD.sum())
+    head, rest = [f"usemtl {name}" if name else "" for name in names]
+    lines = [*rows[:first], head, *rows[first:last], rest, *rows[last:]]
+    (folder / "scan.obj").write_text("\n".join(lines) + "\n")
+    return folder / "scan.obj"
+
+
+@pytest.mark.parametrize(
+    ("mtl", "names", "head", "rest", "told"),
+    [
+        ("newmtl a\nmap_Kd red.png\nnewmtl b\nKd 0 0 1\n", "ab", RED, (0, 0, 255), ()),
+        ("newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 0 1\n", "ba", (0, 0, 255), (255, 0, 0), ()),
+        ("newmtl a\nmap_Kd red.png\nnewmtl b\nmap_Kd blue.png\n", "ba", BLUE, RED, ()),
+        ("newmtl a\nmap_Kd red.png\n", ("a", "ghost"), RED, (160, 160, 160),
+         ("no material file defines 'ghost'", "faces of no colour are grey")),
+        ("newmtl a\nmap_Kd red.png\nnewmtl b\nmap_Kd blue.png\n", ("", "b"), (160, 160, 160), BLUE,
+         ("no material file defines faces before any usemtl", "faces of no colour are grey")),
+        ("newmtl a\nmap_Kd red.png\n", ("ghost", "other"), RED, RED,
+         ("no material file defines 'ghost', 'other'",)),
+        ("newmtl a\nmap_Kd red.png\n", ("", ""), RED, RED, ()),
+    ],
+)  # fmt: skip
+def test_each_face_shows_its_material(tmp_path, mtl, names, head, rest, told):
+    painted = read_painted(put_materials(tmp_path, mtl, *names))
+    np.testing.assert_array_equal(of_faces(painted), np.where(HEAD[:, None], head, rest))
+    assert painted.told == told
+
+
+@pytest.mark.parametrize(
+    ("options", "scale", "offset"),
+    [
+        ("-o 0 0.5 0", (1, 1), (0, 0.5)),
+        ("-s 1 2 1", (1, 2), (0, 0)),
+        ("-s 2 1 -o .25 .1", (2, 1), (0.25, 0.1)),
+    ],
+)
+def test_options_move_the_picture(tmp_path, options, scale, offset):
+    path = put_materials(tmp_path, f"newmtl a\nmap_Kd {options} red.png\n", "a", "a")
+    Image.fromarray(ramp()).save(tmp_path / "red.png")
+    mesh, pixels = converted(path, tmp_path / "p1")
+    moved = replace(PERSON, uv=PERSON.uv * scale + offset)
+    assert difference(photo(mesh, pixels, CAMERA), photo(moved, ramp(), CAMERA)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "materials", ["newmtl one\nmap_Kd skin.png\n", "newmtl one\nKd .5 .5 .5\n"]
+)
+def test_grey_needs_no_coordinates(tmp_path, materials):
+    put_plain(tmp_path / "skin.png", RED)
+    path = plain_obj(tmp_path / "p.obj", materials)
+    told = read_painted(path, grey=True).told
+    assert told == (
+        ("it names a picture, but has no texture coordinates",) if "map" in materials else ()
+    )
+    with pytest.raises(DataError, match="no colours.*--grey"):
+        read_painted(path)
+
+
+def test_vertex_colours_of_an_obj_may_be_bytes(tmp_path):
+    colours = corner_colours(PERSON)
+    for name, scale in (("byte", 1.0), ("unit", 255.0)):
+        rows = [f"v {x} {y} {z} {r / scale} {g / scale} {b / scale}" for (x, y, z), (r, g, b)
+                in zip(PERSON.vertices, colours.tolist(), strict=True)]  # fmt: skip
+        rows += [f"f {a} {b} {c}" for a, b, c in PERSON.faces + 1]
+        (tmp_path / f"{name}.obj").write_text("\n".join(rows) + "\n")
+        mesh, pixels = converted(tmp_path / f"{name}.obj", tmp_path / name)
+        wanted = photo_of_corners(PERSON, colours, CAMERA)
+        assert difference(photo(mesh, pixels, CAMERA), wanted) < 0.012
+
+
+def test_files_in_the_folder_that_was_named_may_be_elsewhere(tmp_path):
+    path = put_materials(tmp_path / "in", "newmtl a\nmap_Kd ../textures/red.png\n", "a", "a")
+    (tmp_path / "textures").mkdir()
+    put_plain(tmp_path / "textures" / "red.png", RED)
+    with pytest.raises(DataError, match="outside the folders"):
+        read_painted(path)
+    assert (of_faces(read_painted(path, tmp_path)) == RED).all()
+    convert_scan(path, Conversion("+y", folder=tmp_path), tmp_path / "p1")
+    put_plain(tmp_path / "textures" / "red.png", BLUE)
+    assert not is_converted(path, Conversion("+y", folder=tmp_path), tmp_path / "p1")
 
 
 def test_a_texture_that_the_file_moves_is_refused(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from harness.geometry.occlusion import lit_share, vertex_openness
+from harness.geometry.occlusion import hidden_faces, hidden_share, lit_share, vertex_openness
 from harness.geometry.raycast import Raycaster
 
 
@@ -65,3 +65,40 @@ def test_a_half_hidden_lamp_gives_half_its_light():
     lamp = np.array([[x, 2.0, 0.0] for x in (-0.1, 0.1, -3.0, 3.0)])
     share = lit_share(caster, np.zeros((1, 3)), np.array([[0.0, 1.0, 0.0]]), lamp)
     np.testing.assert_allclose(share, [0.5])
+
+
+def test_a_ball_inside_a_ball_is_hidden_and_no_more():
+    inner, outer = ball(0.4, (0.1, 0.0, 0.0), 24), ball(0.6, (0.0, 0.0, 0.0), 24)
+    clothed = joined(inner, outer)
+    expected = np.arange(len(clothed.faces)) < len(inner[1])
+    np.testing.assert_array_equal(hidden_faces(clothed), expected)
+    assert hidden_share(clothed) == pytest.approx(0.4**2 / (0.4**2 + 0.6**2), abs=0.005)
+    # It does not matter which way faces are turned, nor how large all is.
+    turned = Mesh(1e4 * clothed.vertices, clothed.faces[:, ::-1])
+    np.testing.assert_array_equal(hidden_faces(turned), expected)
+
+
+def test_an_open_layer_hides_what_no_ray_through_its_hole_reaches():
+    inner, (vertices, faces) = (ball(radius, (0.0, 0.0, 0.0), 30) for radius in (0.5, 0.6))
+    # The upper third of the outer ball is cut off. Tangents of the inner one that pass its rim
+    # touch at asin(0.2 / 0.6) - acos(0.5 / 0.6) = -14 degrees, 0.12 below the middle.
+    shirt = joined(inner, (vertices, faces[vertices[faces][:, :, 1].mean(axis=1) < 0.2]))
+    hidden = hidden_faces(shirt)
+    height = shirt.vertices[shirt.faces].mean(axis=1)[:, 1]
+    is_inner = np.arange(len(shirt.faces)) < len(inner[1])
+    assert not hidden[~is_inner].any()
+    assert not hidden[is_inner & (height > 0.1)].any()
+    assert hidden[is_inner & (height < -0.2)].all()
+
+
+@pytest.mark.parametrize("parts", [[ball(0.5, (0, 0, 0))], [floor(1.0)],
+                                   [floor(1.0), ball(0.3, (0.0, 0.5, 0.0))]])  # fmt: skip
+def test_what_is_seen_from_somewhere_is_not_hidden(parts):
+    assert not hidden_faces(joined(*parts)).any()
+    assert hidden_share(joined(*parts)) == 0.0
+
+
+def test_large_faces_are_hidden_only_if_all_of_them_is():
+    # A floor of four faces under a plate that covers the middle of each, but not their corners.
+    plate = [floor(0.8)[0] + (0, 0.001, 0), floor(0.8)[1]]
+    assert not hidden_faces(joined(floor(1.0), plate, (plate[0] - (0, 0.002, 0), plate[1]))).any()

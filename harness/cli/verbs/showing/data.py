@@ -67,6 +67,19 @@ Licence = Annotated[
     ),
 ]
 
+Copy = Annotated[
+    bool,
+    typer.Option("--copy", help="Convert a tree as THuman's, too, and do not read it in place."),
+]
+DropHidden = Annotated[
+    bool,
+    typer.Option(
+        "--drop-hidden",
+        help="Leave out what no ray from outside reaches, as a body under its clothes: the truth "
+        "is then the outer surface.",
+    ),
+]
+
 DatasetName = Annotated[
     str, typer.Argument(metavar="DATASET", help="Dataset or split, as in the manifest.")
 ]
@@ -129,12 +142,8 @@ def add(
     grey: Annotated[
         bool, typer.Option("--grey", help="Make scans grey that have no colours.")
     ] = False,
-    copy: Annotated[
-        bool,
-        typer.Option(
-            "--copy", help="Convert a tree as THuman's, too, and do not read it in place."
-        ),
-    ] = False,
+    copy: Copy = False,
+    drop_hidden: DropHidden = False,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Leave out subjects that cannot be used.")
     ] = False,
@@ -163,6 +172,7 @@ def add(
         licence=licence,
         grey=grey,
         copy=copy,
+        drop_hidden=drop_hidden,
         replace=replace,
         skip_bad=skip_bad,
     )

@@ -110,11 +110,11 @@ def test_a_picture_elsewhere_is_refused(tmp_path, name):
 @pytest.mark.parametrize(
     ("mtl", "obj", "got"),
     [
-        (b"newmtl skin\nmap_Kd skin.png\nnewmtl hat\n", b"usemtl hat", "no picture of hat"),
-        (b"newmtl skin\nmap_Kd skin.png\n", b"usemtl ghost", "not defined: ghost"),
+        (b"newmtl skin\nmap_Kd skin.png\nnewmtl hat\n", b"usemtl hat", "the plain colour of hat"),
+        (b"newmtl skin\nmap_Kd skin.png\n", b"usemtl ghost", "ghost, which is not defined"),
         (b"newmtl skin\nmap_Kd -s 2 2 skin.png\n", b"", "skin.png by -s or -o"),
-        (b"newmtl skin\nKd 1 0 0\n", b"", "no picture of skin"),
-        (b"", b"", "not defined: skin"),
+        (b"newmtl skin\nKd 1 0 0\n", b"", "the plain colour of skin"),
+        (b"", b"", "skin, which is not defined"),
     ],
 )  # fmt: skip
 def test_what_is_not_one_picture_all_over_names_what_to_do(tmp_path, mtl, obj, got):

@@ -288,7 +288,7 @@ def test_faces_that_would_be_left_out_are_refused(tmp_path: Path, record: str) -
 def colours(folder: Path, *ends: str) -> list[list[int]] | None:
     rows = "".join(f"v {k} {k * k} 0 {end}\n" for k, end in enumerate(ends))
     (folder / "mesh.obj").write_text(rows + "f 1 2 3\n")
-    found = read_obj_colours(folder / "mesh.obj")
+    found = read_obj_colours(folder / "mesh.obj").vertices
     return None if found is None else found.tolist()
 
 

@@ -10,19 +10,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
 from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.core.artifacts import Capture
-from harness.core.errors import HarnessError
+from harness.core.errors import DataError, HarnessError
 from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
+from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset, load_manifest
 from harness.data.subjects import load_subject
 from harness.pipeline.adding.entry import write_entry
 from harness.pipeline.adding.request import UNSTATED_LICENCE
 from harness.pipeline.inputs.sources import _manifest
 from harness.pipeline.inputs.workspace import Workspace
+from metrics.score import score
 from tests.box_person import box_person, put_glb, put_obj, put_ply
 from tests.stand_in.thuman_tree import FITS, SCANS, fit_bytes, write_subject
 
@@ -146,11 +150,157 @@ def test_a_tree_is_read_where_it_lies_or_copied(place):
     dataset, _ = added(place, "mine", "0001")
     assert (dataset.kind, dataset.root, sorted(place.rglob("*.obj"))) == ("scans", "in", before)
     assert harness("data", "check", "mine")[0] == 0
-    code, out = harness("data", "add", "two", "in", "--scale", "mm", "--facing", "+z")
-    assert (code, "--copy" in out) == (2, True)
-    code, out = harness("data", "add", "two", "in", *GIVEN, "--copy")
-    assert code == 0, out
+    for words in (("--copy",), ("--up", "+z"), ("--scale", "cm"), ("--grey",), ("--drop-hidden",)):
+        code, out = harness("data", "add", "two", "in", *GIVEN, *words, "--replace")
+        what = "hidden layers are left out" if words == ("--drop-hidden",) else " ".join(words)
+        assert f"converted: {what}" in out, out
+        # A person of 1.7 cm is none.
+        assert code == int(words[-1] == "cm")
     assert added(place, "two", "0001")[0].root == "data/two"
+
+
+@pytest.mark.parametrize(
+    ("mtl", "names", "reason"),
+    [
+        ("newmtl a\nmap_Kd material0.png\nnewmtl b\nKd 0 0 1\n", ("a", "b"),
+         "but material0.png, the plain colour of b"),
+        ("newmtl a\nmap_Kd material0.png\nnewmtl b\nmap_Kd other.png\n", ("a", "b"),
+         "but material0.png, other.png"),
+        ("newmtl a\nmap_Kd -s 2 2 material0.png\n", ("a",), "but material0.png by -s or -o"),
+        ("newmtl a\nmap_Kd material0.png\n", ("a", "ghost"), "ghost, which is not defined"),
+        ("newmtl a\nmap_Kd cmyk.jpg\n", ("a",), "a picture cmyk.jpg elsewhere, or of another kind"),
+        ("newmtl a\nmap_Kd ../other.png\n", ("a",), "a picture other.png elsewhere"),
+        ("newmtl a\nmap_Kd material0.tga\n", ("a",), "a picture material0.tga elsewhere, or of"),
+        ("newmtl a\nmap_Kd material0.png\n", ("a", "a"), ""),
+        ("newmtl a\nmap_Kd material0.png\n", (), ""),
+    ],
+)  # fmt: skip
+def test_a_tree_of_other_scans_than_one_picture_is_converted_and_says_so(place, mtl, names, reason):
+    folder = place / "in" / "0001"
+    put_obj(folder / "0001.obj", box_person())
+    (folder / "material0.mtl").write_text(mtl)
+    picture = Image.open(folder / "material0.png")
+    for path in ("material0.tga", "other.png", "../other.png"):
+        picture.save(folder / path)
+    picture.convert("CMYK").save(folder / "cmyk.jpg")
+    rows = (folder / "0001.obj").read_text().replace("usemtl material0\n", "").splitlines()
+    first = next(k for k, row in enumerate(rows) if row.startswith("f "))
+    for number, name in enumerate(names):
+        rows.insert(first + 11 * number, f"usemtl {name}")
+    (folder / "0001.obj").write_text("\n".join(rows) + "\n")
+    code, out = harness("data", "add", "mine", "in", *GIVEN)
+    assert code == 0, out
+    if reason:
+        assert re.search(f"converted: 0001 .*{re.escape(reason)}", out), out
+    else:
+        assert "read where they lie" in out
+    assert added(place, "mine", "0001")[0].root == ("data/mine" if reason else "in")
+    # A manifest that was written by hand is not more lenient.
+    entry = (
+        MANIFEST.replace("kind: thuman", "kind: scans")
+        .replace("root: scans", "root: in")
+        .replace("[t1]", '["0001"]')
+    )
+    (place / "own.yaml").write_text(entry)
+    code, out = harness("data", "check", "toy", "--manifest", "own.yaml")
+    if "," in reason and "elsewhere" not in reason:
+        assert (code, "'harness data add' makes one picture of several" in out) == (1, True), out
+
+
+def test_a_picture_that_is_missing_is_no_reason_to_convert_a_tree(place):
+    for name in ("a", "b"):
+        put_obj(place / "in" / name / f"{name}.obj", box_person())
+    (place / "in" / "b" / "material0.png").unlink()
+    code, out = harness("data", "add", "mine", "in", *GIVEN, "--skip-bad")
+    assert (code, "read where they lie" in out, "FAILED b: the texture of" in out) == (
+        0,
+        True,
+        True,
+    )
+
+
+def test_a_material_that_is_not_defined_is_told_where_the_only_one_is_taken(place):
+    put_obj(place / "in" / "a" / "a.obj", box_person())
+    path = place / "in" / "a" / "a.obj"
+    path.write_text(path.read_text().replace("usemtl material0", "usemtl ghost"))
+    code, out = harness("data", "add", "mine", "in", *GIVEN)
+    assert (code, "read where they lie" in out) == (0, True), out
+    assert "warning: no material file defines 'ghost'" in out
+
+
+def test_a_scan_without_coordinates_is_taken_as_grey_in_a_tree(place):
+    put_obj(place / "in" / "a" / "a.obj", box_person().geometry())
+    path = place / "in" / "a" / "a.obj"
+    path.write_text("mtllib material0.mtl\nusemtl material0\n" + path.read_text())
+    code, out = harness("data", "add", "mine", "in", *GIVEN)
+    assert (code, "(got it names a picture" in out, "with --grey" in out) == (1, True, True)
+    assert harness("data", "add", "mine", "in", *GIVEN, "--grey")[0] == 0
+
+
+def ball(radius: float) -> trimesh.Trimesh:
+    return trimesh.creation.icosphere(4, radius)
+
+
+def test_a_body_under_its_clothes_is_told_and_left_out_of_the_truth(place):
+    """A ball inside a ball: all of the inner one is hidden, and the outer one is then the truth."""
+    body, clothes = ball(0.6), ball(0.9)
+    layers = trimesh.util.concatenate([body, clothes])
+    colours = np.full((len(layers.vertices), 4), (200, 90, 30, 255), np.uint8)
+    for name in ("a", "b"):
+        (place / "in" / name).mkdir(parents=True)
+        trimesh.Trimesh(layers.vertices, layers.faces, vertex_colors=colours, process=False).export(
+            place / "in" / name / "scan.ply"
+        )
+    code, out = harness("data", "add", "both", "in", *GIVEN)
+    share = round(100 * body.area / (body.area + clothes.area))
+    assert (code, f", {share}% hidden" in out) == (0, True), out
+    assert f"warning: no ray from outside reaches {share}% of its area" in out
+    assert f"ok model/a/a.obj {share}% hidden" in harness("data", "check", "both")[1]
+    code, out = harness("data", "add", "outer", "in", *GIVEN, "--drop-hidden")
+    assert (code, ", 0% hidden" in out, "warning" in out) == (0, True, False), out
+    outside = Mesh(clothes.vertices, clothes.faces)
+    exact = MetricProtocol("exact", 1, 5000, "stratified", "point-to-surface")
+    completeness = {}
+    for name in ("both", "outer"):
+        dataset, truth = added(place, name, "a")
+        assert dataset.hidden == ("dropped" if name == "outer" else "kept")
+        completeness[name] = score(outside, truth, exact).metrics["p2s_completeness"].value
+    # The balls are polyhedra, whose files have six digits.
+    assert completeness["outer"] < 0.01
+    hidden = body.area / (body.area + clothes.area)
+    assert completeness["both"] == pytest.approx(hidden * 300.0, rel=0.02)
+    assert len(truth.faces) == len(clothes.faces)
+    # The records say so, and an entry that says so of other scans is refused.
+    manifest = load_manifest(place / "data_manifest.yaml")
+    dataset, root = manifest.datasets["outer"], manifest.root("outer", place)
+    assert load_subject("outer", dataset, root, "a")[0].identity()["hidden_rule"] == "dropped"
+    kept = manifest.datasets["both"]
+    root = manifest.root("both", place)
+    assert "hidden_rule" not in load_subject("both", kept, root, "a")[0].identity()
+    with pytest.raises(DataError, match="hidden layers .* were not left out"):
+        load_subject("both", kept.model_copy(update={"hidden": "dropped"}), root, "a")
+
+
+@pytest.mark.parametrize("kind", ["files", "tree"])
+def test_a_speck_above_the_head_does_not_count_for_the_height(place, kind):
+    person = box_person(1.7)
+    speck = np.array([[0.0, 2.4, 0.0], [0.003, 2.4, 0.0], [0.0, 2.4, 0.003]])
+    corners = np.arange(3)[None] + len(person.vertices)
+    mesh = Mesh(
+        np.concatenate([person.vertices, speck]),
+        np.concatenate([person.faces, corners]),
+        uv=np.concatenate([person.uv, np.full((3, 2), 0.5)]),
+        face_uv=np.concatenate([person.face_uv, corners]),
+    )
+    put_obj(place / "in" / ("a.obj" if kind == "files" else "a/a.obj"), mesh)
+    words = ("--up", "+y", "--scale", "height=1.75", "--facing", "+z")
+    code, out = harness("data", "add", "mine", "in", *words)
+    assert code == 0, out
+    assert "ok a: 1.75 m high" in out
+    assert "warning: loose specks lie beyond the person" in out
+    assert out.count("warning") == 1
+    _, found = added(place, "mine", "a")
+    assert np.ptp(found.vertices[: len(person.vertices), 1]) == pytest.approx(1.75, abs=1e-5)
 
 
 def test_a_tree_with_fits_needs_no_rules(place):
