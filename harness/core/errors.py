@@ -21,7 +21,7 @@ Exit code 1 is kept for "the command ran and the answer is no": failed subjects,
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Self
 
 from harness.core.plain_text import plain_text
@@ -104,6 +104,23 @@ class ProtocolMismatch(HarnessError):
     """Numbers made under different protocols or datasets would meet in one table."""
 
     exit_code = 6
+
+
+def error_values(error: HarnessError) -> dict[str, str]:
+    """An error as JSON values; its class is the nearest one that is known here."""
+    return {
+        "kind": next(kind.__name__ for kind in type(error).__mro__ if kind.__name__ in globals()),
+        "what": error.what,
+        "expected": error.expected,
+        "got": error.got,
+        "hint": error.hint,
+    }
+
+
+def found_error(values: Mapping[str, str]) -> HarnessError:
+    """The error behind ``error_values``."""
+    kind: type[HarnessError] = globals()[values["kind"]]
+    return kind(**{name: text for name, text in values.items() if name != "kind"})
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

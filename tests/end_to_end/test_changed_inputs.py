@@ -18,7 +18,6 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Silent
 from harness.pipeline.run import cell_worker, evaluate, plan
 from harness.pipeline.run.cell_job import CellJob
-from harness.pipeline.run.cell_result import CellResult
 from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.store import RunStore
 from methods.hull import VisualHull
@@ -125,13 +124,13 @@ def test_a_scan_that_changes_between_plan_and_work(world, figure, monkeypatch):
     assert "body.npz" in outcome.record.inputs["truth"]["sha256"]
 
 
-def job_of(world: Path, folder: Path) -> dict:
+def job_of(world: Path, folder: Path) -> CellJob:
     """A planned cell, as its worker is told of it."""
     asked = request(world)
     captures.render_all(asked.source, 1, Silent())
     (cell,) = plan.plan(asked)
-    job = CellJob(asked.source, cell.method, asked.protocol, 0, cell.inputs, folder, keep=False)
-    return json.loads(json.dumps(job.to_dict()))
+    method, protocol = cell.method.ref, asked.protocol.name
+    return CellJob(asked.source, method, protocol, 0, cell.inputs, folder, keep=False)
 
 
 def touch_capture(world: Path) -> None:
@@ -174,22 +173,22 @@ def test_what_changes_while_a_method_works_is_noticed_at_its_end(
     monkeypatch.setattr(VisualHull, "reconstruct", meddled)
     found = cell_worker.handle(job, lambda *_: None)
 
-    assert found["status"] == ("changed" if told else "ok")
-    assert told in found["reason"]
+    assert found.status == ("changed" if told else "ok")
+    assert told in found.reason
     if not told:
-        assert set(found["files"]) == {"mesh.ply"}
-        assert "commit" in found["environment"], "the worker's own"
+        assert set(found.files) == {"mesh.ply"}
+        assert found.environment.commit, "the worker's own"
 
 
 @pytest.mark.usefixtures("photographed")
 def test_code_that_changes_meanwhile_is_noticed(world, tmp_path):
     job = job_of(world, tmp_path / "results")
-    job["inputs"]["code"]["methods.hull"] = "0"
+    job.inputs.code["methods.hull"] = "0"
 
     found = cell_worker.handle(job, lambda *_: None)
 
-    assert found["status"] == "changed"
-    assert found["reason"] == "changed since it was planned: code of methods.hull"
+    assert found.status == "changed"
+    assert found.reason == "changed since it was planned: code of methods.hull"
     assert not list((tmp_path).glob("results/*"))
 
 
@@ -271,7 +270,7 @@ def test_what_happens_to_a_method_from_outside_is_not_its_own(world, monkeypatch
         raise error
 
     monkeypatch.setattr(VisualHull, "reconstruct", fails)
-    found = CellResult.from_dict(cell_worker.handle(job_of(world, world / "made"), silent))
+    found = cell_worker.handle(job_of(world, world / "made"), silent)
     assert (found.status, found.reason) == ("failed", str(error))
     assert found.by_method is by_method
 

@@ -12,11 +12,13 @@ import pytest
 
 from harness.core.formats.mesh_files import load_mesh, save_mesh
 from harness.core.formats.obj import write_obj
+from harness.core.formats.typed_json import to_json
 from harness.core.process.workers import WorkerDied
 from harness.data.manifest import load_manifest
 from harness.pipeline.conformance import conform as conforming
 from harness.pipeline.conformance import left_behind, trial_worker
 from harness.pipeline.conformance.conform import ConformRequest, conform
+from harness.pipeline.conformance.trial import Trial
 from harness.pipeline.conformance.verdict import CHECKS, Certificate
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
@@ -152,12 +154,12 @@ def tried(odd_world, tmp_path_factory, monkeypatch):
     return certificate
 
 
-def in_this_process(module: str, job: dict, *, timeout_s: float | None, environment: dict) -> dict:
+def in_this_process(module: str, job: Trial, *, timeout_s: float | None, environment: dict) -> dict:
     """What a worker answers; the trial that is killed is carried out, and has no answer."""
     assert module == trial_worker.__name__
-    answer = trial_worker.handle(json.loads(json.dumps(job)), lambda *_: None)
+    answer = to_json(trial_worker.handle(job, lambda *_: None))
     assert list(environment) == [left_behind.MARK]
-    if "/killed/" in job["folder"]:
+    if "killed" in job.folder.parts:
         raise WorkerDied("it was killed")
     return answer
 

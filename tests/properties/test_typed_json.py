@@ -25,7 +25,7 @@ from harness.core.results import (
     Scores,
 )
 from harness.core.settings import MetricProtocol
-from harness.pipeline.run.cell_result import CellResult
+from harness.pipeline.run.cell_job import CellResult
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 TEXTS = st.text(max_size=8)
@@ -107,7 +107,8 @@ def test_a_record_is_read_as_it_was_written(record: Record) -> None:
     )
 )
 def test_a_workers_answer_arrives_as_it_was_sent(result: CellResult) -> None:
-    assert CellResult.from_dict(json.loads(json.dumps(result.to_dict()))) == result
+    written = json.loads(json.dumps(to_json(result)))
+    assert from_json(CellResult, written, "the answer", "one") == result
 
 
 @given(st.from_type(BodyErrors))

@@ -151,6 +151,8 @@ _READERS: Mapping[Any, Callable[[tuple[Any, ...], Any, str], Any]] = {
 def _read_plain(kind: Any, value: Any, place: str) -> Any:
     if issubclass(kind, Enum):
         return kind(_read_choice(tuple(member.value for member in kind), value, place))
+    if issubclass(kind, PurePath):
+        return kind(_read_plain(str, value, place))
     if kind is float:
         # A whole number stays one: it is a number, and is written as it was read.
         if isinstance(value, float | int) and not isinstance(value, bool):

@@ -17,12 +17,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
-from harness.core import errors
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import HarnessError, MethodError, error_values, found_error
 from harness.core.files.atomic import read_json, write_json
+from harness.core.formats.typed_json import from_json, to_json
 from harness.core.process.interrupts import require_not_stopped
 from harness.core.process.steps import StepReport
 
@@ -45,7 +46,7 @@ class WorkerDied(MethodError):
 
 def run_worker(
     module: str,
-    job: Mapping[str, object],
+    job: object,
     *,
     log: Path | None = None,
     progress: StepReport | None = None,
@@ -59,7 +60,7 @@ def run_worker(
 
     Args:
         module: Dotted name of a module that ends in ``worker_main(handle)``.
-        job: JSON values handed to it.
+        job: A dataclass of plain values, or JSON values, handed to it.
         log: Where its output is kept; a temporary file by default.
         progress: Called with (done, total) whenever the worker says so.
         timeout_s: The worker is ended after this time; None means no limit.
@@ -77,7 +78,7 @@ def run_worker(
         job_path, result_path = Path(folder, "job.json"), Path(folder, "result.json")
         log_path = log or Path(folder, "log.txt")
         log_path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(job_path, {"parent": os.getpid(), "job": dict(job)})
+        write_json(job_path, {"parent": os.getpid(), "job": to_json(job)})
         with log_path.open("wb") as stream:
             # -P keeps the working folder off the path: it may contain packages with our names.
             process = subprocess.Popen(
@@ -98,8 +99,7 @@ def run_worker(
             raise _death(module, process.returncode if in_time else None, timeout_s, log_path)
         result = read_json(result_path)
     if failure := result.get("error"):
-        kind: type[HarnessError] = getattr(errors, failure.pop("kind"))
-        raise kind(**failure)
+        raise found_error(failure)
     return result["value"]
 
 
@@ -158,9 +158,11 @@ def _tail(log: Path) -> str:
 
 
 def worker_main(
-    handle: Callable[[dict[str, Any], StepReport], Mapping[str, object]],
+    handle: Callable[[Any, StepReport], object],
 ) -> None:
     """Run a worker: read the job file, call ``handle(job, progress)``, write the result.
+
+    A job or result that is a dataclass travels as ``typed_json`` has it.
 
     A ``HarnessError`` is passed to the parent with its class. Any other exception ends the process,
     and its traceback is in the log.
@@ -169,23 +171,22 @@ def worker_main(
     document = read_json(job_path)
     _die_with(document["parent"])
     try:
-        result: dict[str, object] = {"value": handle(document["job"], _say_progress)}
-    except HarnessError as error:
-        result = {
-            "error": {
-                "kind": _known_kind(error),
-                "what": error.what,
-                "expected": error.expected,
-                "got": error.got,
-                "hint": error.hint,
-            }
+        result: dict[str, object] = {
+            "value": to_json(handle(typed_job(handle, document["job"]), _say_progress))
         }
+    except HarnessError as error:
+        result = {"error": error_values(error)}
     write_json(result_path, result)
 
 
-def _known_kind(error: HarnessError) -> str:
-    """The nearest class that the parent knows without importing the worker's modules."""
-    return next(kind.__name__ for kind in type(error).__mro__ if hasattr(errors, kind.__name__))
+def typed_job(handle: Callable[..., object], values: Any) -> Any:
+    """The job behind JSON values, if the first argument of its handler is a dataclass.
+
+    Raises:
+        DataError: the values are not those of such a job.
+    """
+    kind: Any = next(iter(get_type_hints(handle).values()), None)
+    return from_json(kind, values, "the job", "one") if is_dataclass(kind) else values
 
 
 def _say_progress(done: int, total: int) -> None:

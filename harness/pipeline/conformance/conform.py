@@ -23,6 +23,7 @@ from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.formats.mesh_files import load_mesh
+from harness.core.formats.typed_json import from_json
 from harness.core.privileges import Privilege
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.protocols import MethodInfo
@@ -164,10 +165,8 @@ class _Run:
     def _carried_out(self, name: str, changes: _Changes, timeout_s: float | None) -> TrialResult:
         trial, mark = self._trial(name, changes), uuid.uuid4().hex
         try:
-            values = run_worker(
-                _WORKER, trial.to_dict(), timeout_s=timeout_s, environment={MARK: mark}
-            )
-            return TrialResult.from_dict(values)
+            values = run_worker(_WORKER, trial, timeout_s=timeout_s, environment={MARK: mark})
+            return from_json(TrialResult, values, "the worker's answer", "a trial's result")
         finally:
             self._look(name, mark)
             self.progress.done(_TRIALS)
@@ -181,8 +180,7 @@ class _Run:
         seed = request.seed if changes.seed is None else changes.seed
         return Trial(
             source=request.source,
-            method=request.method.name,
-            settings=request.method.settings,
+            method=request.method.ref,
             capture=photos,
             seed=seed,
             folder=folder / "made",

@@ -6,7 +6,6 @@ import contextlib
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -18,23 +17,18 @@ from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import Context
 from harness.pipeline.conformance.trial import Trial, TrialResult
-from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.run.cell import lent_to
-from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.work.cost import StageMeter
 
 
-def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noqa: ARG001
+def handle(trial: Trial, report: StepReport) -> TrialResult:  # noqa: ARG001
     """Reconstruct; a ``TrialResult`` with the method's own failures in it.
 
     Raises:
         HarnessError: photos or scan cannot be read, or the mesh cannot be written.
     """
-    trial = Trial.from_dict(job)
-    chosen = ChosenMethod.of(
-        trial.method, trial.settings, added=AddedMethods.of(trial.source.workspace)
-    )
+    chosen = trial.method.found(trial.source.workspace)
     info = chosen.info
     capture = views_for(info, Capture.load(trial.capture)).capture
     _, truth = trial.source.load(trial.source.subjects[0])
@@ -50,12 +44,12 @@ def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noq
         if not isinstance(mesh, Mesh):
             raise MethodError("the method returned no mesh", got=type(mesh).__name__)
     except HarnessError as error:
-        return TrialResult(str(error), before_s=before_s).to_dict()
+        return TrialResult(str(error), before_s=before_s)
     wall_s = time.perf_counter() - start
     path = trial.folder / "mesh.ply"
     save_mesh(path, mesh.geometry())
     peak = max(stage.peak_rss_mib for stage in meter.stages)
-    return TrialResult("", str(path), before_s, wall_s, peak).to_dict()
+    return TrialResult("", str(path), before_s, wall_s, peak)
 
 
 if __name__ == "__main__":

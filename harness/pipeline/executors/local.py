@@ -34,7 +34,7 @@ class Local:
             for task in group:
                 begun = time.monotonic()
                 handler = handler_of(task.handler)
-                value = handler(task.values, answers.get(task.after), progress)
+                value = handler(task.job, answers.get(task.after), progress)
                 answers[task.name] = value
                 wall_s = time.monotonic() - begun
                 done(Answer(task.name, dict(value), machine=host, wall_s=wall_s))

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from harness.core.errors import HarnessError
+from harness.core.formats.typed_json import to_json
+from harness.core.process.workers import typed_job
 from harness.pipeline.executors.grants import granted
 from harness.pipeline.executors.task import Answer, Task, handler_of
 from harness.pipeline.progress import Silent
@@ -17,51 +19,57 @@ from harness.pipeline.progress import Silent
 _OURS = "HARNESS_"
 
 
-def travelling(task: Task, cpus: int) -> dict[str, object]:
-    """A task as plain JSON values, with our own environment variables.
+@dataclass(frozen=True, slots=True)
+class Errand:
+    """A task as it travels.
 
-    The order in which this machine's user set paths to parts and devices holds there, too.
+    Attributes:
+        task: Its name.
+        handler: Its handler.
+        job: Its job, as JSON values.
+        environment: Our own variables: the order in which this machine's user set paths to parts
+            and devices holds there, too.
+        cpus: Cores that it may use.
     """
-    ours = {name: value for name, value in os.environ.items() if name.startswith(_OURS)}
-    return {
-        "name": task.name,
-        "handler": task.handler,
-        "values": task.values,
-        "environment": ours,
-        "cpus": cpus,
-    }
+
+    task: str
+    handler: str
+    job: object
+    environment: Mapping[str, str]
+    cpus: int
+
+    @classmethod
+    def of(cls, task: Task, cpus: int) -> Errand:
+        """The errand of a task."""
+        ours = {name: value for name, value in os.environ.items() if name.startswith(_OURS)}
+        return cls(task.name, task.handler, to_json(task.job), ours, cpus)
 
 
 def carry_out_here(
-    task: Mapping[str, Any], before: Mapping[str, Any] | None = None, machine: str = ""
-) -> dict[str, object]:
-    """The answer of a task as plain JSON values.
+    errand: Errand, before: Mapping[str, Any] | None = None, machine: str = ""
+) -> Answer:
+    """The answer of a task.
 
     Args:
-        task: As ``travelling`` gives it.
+        errand: The task.
         before: Value of the answer of the task before it, if that is at hand.
         machine: What this machine is called; its host name by default.
     """
     for name in [name for name in os.environ if name.startswith(_OURS)]:
         del os.environ[name]
-    os.environ.update(task["environment"])
+    os.environ.update(errand.environment)
     begun, heard = time.monotonic(), _Heard()
     value: Mapping[str, object] = {}
     lost = ""
     try:
-        with granted(task["cpus"]):
-            value = handler_of(task["handler"])(task["values"], before, heard)
+        handler = handler_of(errand.handler)
+        with granted(errand.cpus):
+            value = handler(typed_job(handler, errand.job), before, heard)
     except HarnessError as error:
         # The request cannot be carried out on this machine, and would not on a second try.
         lost = str(error)
-    return Answer(
-        task=task["name"],
-        value=dict(value),
-        lost=lost,
-        said=tuple(heard.lines),
-        machine=machine or platform.node(),
-        wall_s=time.monotonic() - begun,
-    ).to_dict()
+    said, wall_s = tuple(heard.lines), time.monotonic() - begun
+    return Answer(errand.task, value, lost, said, machine or platform.node(), wall_s)
 
 
 @dataclass(slots=True)

@@ -20,7 +20,7 @@ from harness.core.errors import HarnessError
 from harness.core.process.interrupts import require_not_stopped
 from harness.pipeline.executors.extras import extra_package
 from harness.pipeline.executors.grants import Grant
-from harness.pipeline.executors.on_a_machine import carry_out_here, travelling
+from harness.pipeline.executors.on_a_machine import Errand, carry_out_here
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.progress import Progress
 
@@ -158,12 +158,12 @@ def _fits(grant: Grant, machine: Mapping[str, float]) -> bool:
     )
 
 
-def _on_ray(task: Mapping[str, Any], before: Mapping[str, Any] | None = None) -> dict[str, object]:
+def _on_ray(errand: Errand, before: Answer | None = None) -> Answer:
     """One task in a worker of Ray's; ``before`` is the answer of the task that came first."""
     ray = extra_package("ray", RAY_VERSION, "this task")
     node = ray.get_runtime_context().get_node_id()
-    value = before["value"] if before and not before["lost"] else None
-    return carry_out_here(task, value, f"{platform.node()} ({node[:6]})")
+    value = before.value if before and not before.lost else None
+    return carry_out_here(errand, value, f"{platform.node()} ({node[:6]})")
 
 
 class _Submitted:
@@ -217,7 +217,7 @@ class _Submitted:
             options["memory"] = grant.memory_gib * _GIB
         if task.renders and self._has_blender:
             options["resources"] = {BLENDER: grant.cpus}
-        given = (travelling(task, grant.cpus), *([] if before is None else [before]))
+        given = (Errand.of(task, grant.cpus), *([] if before is None else [before]))
         reference = self._remote.options(**options).remote(*given)
         self._pending[reference] = task.name
         return reference
@@ -237,7 +237,7 @@ class _Submitted:
     def _answer(self, name: str, reference: Any) -> Answer:
         errors = self._ray.exceptions
         try:
-            return Answer.from_dict(self._ray.get(reference))
+            return self._ray.get(reference)
         except errors.RayTaskError as error:
             return Answer(
                 name, lost=f"a defect of this program: {str(error).strip().splitlines()[-1]}"

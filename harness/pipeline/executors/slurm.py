@@ -19,10 +19,11 @@ from typing import Any, Literal
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.atomic import read_json, write_json
+from harness.core.formats.typed_json import from_json, to_json
 from harness.core.process.interrupts import require_not_stopped
 from harness.pipeline.executors.extras import extra_package
 from harness.pipeline.executors.grants import Grant
-from harness.pipeline.executors.on_a_machine import carry_out_here, travelling
+from harness.pipeline.executors.on_a_machine import Errand, carry_out_here
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.progress import Progress
 
@@ -132,9 +133,9 @@ class _Round:
         for first in range(0, len(tasks), size):
             path = self._folder / f"{kind}-{first // size}.json"
             chunk = [
-                travelling(task, self._slurm.grant.cpus) for task in tasks[first : first + size]
+                Errand.of(task, self._slurm.grant.cpus) for task in tasks[first : first + size]
             ]
-            write_json(path, {"tasks": chunk, "answers": str(self._answers)})
+            write_json(path, to_json(Element(tuple(chunk), self._answers)))
             elements.append(str(path))
         executor = self._executor(kind, gpus, size, after)
         try:
@@ -196,7 +197,7 @@ class _Round:
                 # Still being written, and not ours to delete.
                 continue
             try:
-                answer = Answer.from_dict(read_json(path))
+                answer = from_json(Answer, read_json(path), path, "an answer")
             except DataError:
                 continue
             if left.pop(answer.task, None) is not None:
@@ -206,17 +207,24 @@ class _Round:
         return found
 
 
+@dataclass(frozen=True, slots=True)
+class Element:
+    """What one element of an array carries out, and the folder for its answers."""
+
+    errands: tuple[Errand, ...]
+    answers: Path
+
+
 def carry_out_element(path: str) -> int:
     """Runs in a job: the tasks of one element; how many there were.
 
     Args:
         path: The element's file.
     """
-    element = read_json(Path(path))
-    for task in element["tasks"]:
-        answer = carry_out_here(task)
-        write_json(Path(element["answers"]) / f"{uuid.uuid4().hex}.json", answer)
-    return len(element["tasks"])
+    element = from_json(Element, read_json(Path(path)), path, "an element of an array")
+    for errand in element.errands:
+        write_json(element.answers / f"{uuid.uuid4().hex}.json", to_json(carry_out_here(errand)))
+    return len(element.errands)
 
 
 def _plain(text: str) -> object:

@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from harness.core.formats.typed_json import from_json, to_json
 from harness.pipeline.progress import Progress
 
-#: Does a task: from its values and the answer of the task before it to its own answer.
-Handler = Callable[[Mapping[str, Any], Mapping[str, Any] | None, Progress], Mapping[str, object]]
+#: Does a task: from its job and the value of the answer before it to the value of its own answer.
+Handler = Callable[[Any, Mapping[str, Any] | None, Progress], Mapping[str, object]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +23,7 @@ class Task:
     Attributes:
         name: Different from that of all other tasks.
         handler: ``package.module:function``.
-        values: JSON values for the handler.
+        job: What the handler is given: a dataclass of plain values, or JSON values.
         group: Tasks of one group share what they read, such as the photos of a subject.
         after: Name of the task of the group that has to come first; it stands before this one.
             Empty for none.
@@ -33,7 +32,7 @@ class Task:
 
     name: str
     handler: str
-    values: Mapping[str, object]
+    job: object
     group: str
     after: str = ""
     renders: bool = False
@@ -58,19 +57,6 @@ class Answer:
     said: tuple[str, ...] = ()
     machine: str = ""
     wall_s: float = 0.0
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return to_json(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, object]) -> Answer:
-        """The answer behind ``to_dict``.
-
-        Raises:
-            DataError: the values are not those of an answer.
-        """
-        return from_json(cls, values, "a machine's answer", "an answer")
 
 
 class Executor(Protocol):

@@ -125,9 +125,9 @@ def _capture(
     )
 
 
-def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
-    """Import; the answer of ``Imported.to_dict``."""
-    return import_photos(ImportRequest.from_dict(job), report).to_dict()
+def handle(job: ImportRequest, report: StepReport) -> Imported:
+    """Import."""
+    return import_photos(job, report)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import HarnessError
-from harness.core.formats.typed_json import from_json, to_json
+from harness.core.formats.typed_json import from_json
 from harness.core.process.workers import run_worker
 from harness.data.captures.reading import read_cameras
 from harness.pipeline.progress import Progress, counted
@@ -79,15 +78,6 @@ class ImportRequest:
     incomplete: bool = False
     mask_orientation: str = AUTO
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return to_json(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, object]) -> ImportRequest:
-        """The request behind ``to_dict``."""
-        return from_json(cls, values, "the job", "an import")
-
 
 @dataclass(frozen=True, slots=True)
 class Imported:
@@ -110,15 +100,6 @@ class Imported:
         """The capture's folder."""
         return Path(self.directory)
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return to_json(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, object]) -> Imported:
-        """The answer behind ``to_dict``."""
-        return from_json(cls, values, "the worker's answer", "an import")
-
 
 def import_capture(
     request: ImportRequest, progress: Progress, timeout_s: float | None = None
@@ -136,7 +117,5 @@ def import_capture(
         MissingPart: MediaPipe is needed, and not installed.
     """
     progress.expect(_PHOTOS, len(read_cameras(Path(request.cameras), Path(request.photos)).views))
-    answer = run_worker(
-        _WORKER, request.to_dict(), progress=counted(progress, _PHOTOS), timeout_s=timeout_s
-    )
-    return Imported.from_dict(answer)
+    answer = run_worker(_WORKER, request, progress=counted(progress, _PHOTOS), timeout_s=timeout_s)
+    return from_json(Imported, answer, "the worker's answer", "an import")

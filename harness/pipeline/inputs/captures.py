@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
@@ -72,7 +70,7 @@ def photograph(
     if source.capture_state(subject)[0] != "cached":
         job = CaptureJob(source.only(subject))
         report = counted(progress, PHOTOS)
-        run_worker(_WORKER, job.to_dict(), progress=report, timeout_s=timeout_s)
+        run_worker(_WORKER, job, progress=report, timeout_s=timeout_s)
     return Capture.load(source.capture_directory(subject))
 
 
@@ -98,12 +96,20 @@ def render_all(
     states = {subject: _state(source, subject) for subject in source.subjects}
     waiting = [subject for subject, state in states.items() if state != "cached"]
     progress.expect(PHOTOS, len(waiting) * source.views_to_render)
-    work = _Work("photos_of", source, waiting, {"timeout_s": timeout_s})
     # Where it is not this machine, nothing is heard of a task's views.
     views = 0 if executor is None else source.views_to_render
-    failures = work.carried_out(
-        executor or Local(jobs), progress, lambda: progress.done(PHOTOS, views)
-    )
+    failures: dict[str, str] = {}
+
+    def done(answer: Answer) -> None:
+        failures[answer.task] = answer.lost or str(answer.value["failure"])
+        progress.done(PHOTOS, views)
+
+    handler = f"{__name__}:{photos_of.__name__}"
+    tasks = [
+        Task(each, handler, PhotosJob(source.only(each), timeout_s), each, renders=True)
+        for each in waiting
+    ]
+    (executor or Local(jobs)).carry_out(tasks, progress, done)
     outcomes: list[CaptureOutcome] = []
     for subject, state in states.items():
         try:
@@ -113,9 +119,9 @@ def render_all(
         except HarnessError as error:
             outcomes.append(CaptureOutcome(subject, "failed", "", failure=str(error)))
             continue
-        done = "cached" if state == "cached" else "made now"
+        how = "cached" if state == "cached" else "made now"
         proof, place = capture.provenance.get("proof"), str(capture.directory)
-        outcomes.append(CaptureOutcome(subject, done, place, proof, capture.warnings))
+        outcomes.append(CaptureOutcome(subject, how, place, proof, capture.warnings))
     return outcomes
 
 
@@ -140,55 +146,19 @@ def require_avatars(source: Source, executor: Executor | None) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Work:
-    """The same for several subjects of a source.
+class PhotosJob:
+    """Photos of a source's subject that are to be made somewhere."""
 
-    Attributes:
-        handler: A function of this module.
-        source: The subjects' dataset and recipe.
-        subjects: Ids.
-        more: More values for the handler.
-    """
-
-    handler: str
     source: Source
-    subjects: Sequence[str]
-    more: Mapping[str, object] = field(default_factory=dict[str, object])
-
-    def carried_out(
-        self, executor: Executor, progress: Progress, ended: Callable[[], None]
-    ) -> dict[str, str]:
-        """Why it failed, by subject; empty texts where it did not."""
-        failures: dict[str, str] = {}
-
-        def done(answer: Answer) -> None:
-            failures[answer.task] = answer.lost or str(answer.value["failure"])
-            ended()
-
-        handler = f"{__name__}:{self.handler}"
-        tasks = [
-            Task(
-                subject,
-                handler,
-                {"source": self.source.only(subject).to_dict(), **self.more},
-                subject,
-                renders=True,
-            )
-            for subject in self.subjects
-        ]
-        executor.carry_out(tasks, progress, done)
-        return failures
+    timeout_s: float | None
 
 
-def photos_of(
-    values: Mapping[str, Any], before: Mapping[str, Any] | None, progress: Progress
-) -> dict[str, object]:
+def photos_of(job: PhotosJob, before: object, progress: Progress) -> dict[str, object]:
     """A task: a subject's photos are there, or the ``failure`` says why not."""
     del before
-    source = Source.from_dict(values["source"])
     try:
-        for subject in source.subjects:
-            photograph(source, subject, progress, values["timeout_s"])
+        for subject in job.source.subjects:
+            photograph(job.source, subject, progress, job.timeout_s)
     except HarnessError as error:
         return {"failure": str(error)}
     return {"failure": ""}
@@ -239,7 +209,7 @@ def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureO
         if subject not in waiting:
             return CaptureOutcome(subject, "cached", directory)
         try:
-            run_worker(_WORKER, CaptureJob(source.only(subject), only_scan=True).to_dict())
+            run_worker(_WORKER, CaptureJob(source.only(subject), only_scan=True))
         except HarnessError as error:
             return CaptureOutcome(subject, "failed", directory, failure=str(error))
         finally:

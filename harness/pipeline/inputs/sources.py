@@ -6,7 +6,6 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError
@@ -257,30 +256,6 @@ class Source:
     def only(self, subject: str) -> Source:
         """The same source with one of its subjects."""
         return replace(self, subjects=(subject,))
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values, from which a worker makes the same source; the recipe goes by name."""
-        return {
-            "manifest": str(self.manifest_path),
-            "workspace": str(self.workspace.root),
-            "dataset": self.name,
-            "subjects": list(self.subjects),
-            "recipe": self.recipe_name,
-        }
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Source:
-        """The source behind ``to_dict``.
-
-        Raises:
-            HarnessError: the manifest is gone, or has no such recipe any more.
-        """
-        manifest = _manifest(Path(values["manifest"]))
-        workspace = Workspace(Path(values["workspace"]))
-        name, subjects = values["dataset"], tuple(values["subjects"])
-        imported = manifest.datasets[name].kind == "captures"
-        recipe = None if imported else manifest.recipe(values["recipe"])
-        return cls(manifest.path, workspace, name, subjects, recipe)
 
 
 @functools.lru_cache(maxsize=4)

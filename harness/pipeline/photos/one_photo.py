@@ -15,7 +15,6 @@ from harness.core.cameras.frames import write_transforms_json
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import atomic_directory, exclusive_lock, write_json
 from harness.core.files.hashing import content_hash, file_sha256
-from harness.core.formats.typed_json import from_json, to_json
 from harness.core.process.steps import silent
 from harness.data.captures.pictures import picture_facts
 from harness.data.captures.views import ForeignView
@@ -61,15 +60,6 @@ class OnePhotoRequest:
     assumed_deg: float = 50.0
     height_m: float = ASSUMED_HEIGHT_M
     longest_px: int = 1920
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return to_json(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, object]) -> OnePhotoRequest:
-        """The request behind ``to_dict``."""
-        return from_json(cls, values, "the job", "a photo")
 
 
 def import_one_photo(request: OnePhotoRequest) -> Imported:

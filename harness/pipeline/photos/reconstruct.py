@@ -7,6 +7,7 @@ from pathlib import Path
 
 from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.formats.typed_json import from_json
 from harness.core.process.workers import run_worker
 from harness.data.captures.pictures import PICTURE_SUFFIXES
 from harness.data.manifest import Manifest
@@ -220,8 +221,8 @@ def _photo(request: ReconstructRequest, path: Path) -> tuple[str, Imported]:
         field_deg=assumed.field_deg,
         height_m=ASSUMED_HEIGHT_M if assumed.height_m is None else assumed.height_m,
     )
-    answer = run_worker(_PHOTO_WORKER, job.to_dict(), timeout_s=request.timeout_s)
-    return name, Imported.from_dict(answer)
+    answer = run_worker(_PHOTO_WORKER, job, timeout_s=request.timeout_s)
+    return name, from_json(Imported, answer, "the worker's answer", "an import")
 
 
 def _keep_other_photos(workspace: Workspace, name: str) -> None:

@@ -1,27 +1,28 @@
-"""A planned cell, as it travels to the worker process that carries it out."""
+"""A planned cell, as it travels to the worker process that carries it out, and what comes back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
-from harness.core.settings import MetricProtocol
-from harness.pipeline.foreign.added_methods import AddedMethods
+from harness.core.artifacts import StageCost
+from harness.core.records import Environment, Status
+from harness.core.results import Scores
 from harness.pipeline.inputs.sources import Source
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.run.chosen_method import MethodRef
 from harness.pipeline.run.record_inputs import Inputs
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class CellJob:
     """One method on one subject, as it was planned.
 
     Attributes:
         source: The dataset and the recipe, with this subject alone.
         method: The method with its settings.
-        protocol: How the result is scored.
+        protocol: How the result is scored, by name.
         seed: Root seed of the run.
         inputs: What the record is made from; its key is the record's.
         folder: Receives mesh, body and normals.
@@ -30,8 +31,8 @@ class CellJob:
     """
 
     source: Source
-    method: ChosenMethod
-    protocol: MetricProtocol
+    method: MethodRef
+    protocol: str
     seed: int
     inputs: Inputs
     folder: Path
@@ -43,42 +44,27 @@ class CellJob:
         """The subject's id."""
         return self.source.subjects[0]
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values; method and protocol go by name."""
-        return {
-            "source": self.source.to_dict(),
-            "method": self.method.name,
-            "row": "" if self.method.row == self.method.name else self.method.row,
-            "settings": dict(self.method.settings),
-            "protocol": self.protocol.name,
-            "seed": self.seed,
-            "inputs": self.inputs.to_dict(),
-            "folder": str(self.folder),
-            "keep": self.keep,
-            "share": self.share,
-        }
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> CellJob:
-        """The job behind ``to_dict``, with method and protocol resolved in this process.
+@dataclass(frozen=True, slots=True)
+class CellResult:
+    """How an attempt at a cell ended.
 
-        Raises:
-            HarnessError: the manifest is gone, or names in it or in the catalogue are.
-            MissingPart: the method, or one of its parts, is not installed.
-        """
-        source = Source.from_dict(values["source"])
-        return cls(
-            source=source,
-            method=ChosenMethod.of(
-                values["method"],
-                values["settings"],
-                values["row"],
-                added=AddedMethods.of(source.workspace),
-            ),
-            protocol=source.manifest.protocol(values["protocol"]),
-            seed=values["seed"],
-            inputs=Inputs.from_dict(values["inputs"]),
-            folder=Path(values["folder"]),
-            keep=values["keep"],
-            share=values["share"],
-        )
+    Attributes:
+        status: A record's, or ``changed``: photos, scan or code are not those that were planned,
+            and nothing may be filed.
+        reason: Why not ``ok``.
+        by_method: Whether a failure is the method's own; others never replace a good record.
+        scores: The numbers; none unless ``ok``.
+        stages, shared_work, details, files: As in ``Record``.
+        environment: The worker's; None where there was no worker.
+    """
+
+    status: Status | Literal["changed"]
+    reason: str = ""
+    by_method: bool = True
+    scores: Scores = field(default_factory=Scores)
+    stages: tuple[StageCost, ...] = ()
+    shared_work: tuple[str, ...] = ()
+    details: Mapping[str, object] = field(default_factory=dict[str, object])
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
+    environment: Environment | None = None

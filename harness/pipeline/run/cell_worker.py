@@ -11,7 +11,6 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import HarnessError, Killed, MethodError, MissingPart, WriteError
@@ -24,11 +23,12 @@ from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import Context, MethodInfo
 from harness.core.results import Scores
+from harness.core.settings import MetricProtocol
 from harness.pipeline.inputs.environment import environment
 from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.run.cell import Truth, lent_to, scores_of, seed_for
-from harness.pipeline.run.cell_job import CellJob
-from harness.pipeline.run.cell_result import CellResult
+from harness.pipeline.run.cell_job import CellJob, CellResult
+from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.record_inputs import Inputs, evaluated
 from harness.pipeline.run.result_files import (
     BODY_FILE,
@@ -44,7 +44,7 @@ from harness.pipeline.work.shared_results import SharedResults
 _OF_THE_SCAN = (Privilege.GROUND_TRUTH_MESH, Privilege.SUBJECT_CENTRE, Privilege.ORACLE_NORMALS)
 
 
-def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noqa: ARG001
+def handle(job: CellJob, report: StepReport) -> CellResult:  # noqa: ARG001
     """Reconstruct and score; a ``CellResult`` with the method's own failures in it.
 
     Raises:
@@ -52,15 +52,17 @@ def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:  # noq
     """
     # Before anything else: the commit is that of the code which is about to be imported.
     made_with = environment()
-    task = _Task(CellJob.from_dict(job))
+    source = job.source
+    method = job.method.found(source.workspace)
+    task = _Task(job, method, source.manifest.protocol(job.protocol))
     before = task.stamp()
     if changed := task.changed():
-        return CellResult("changed", changed).to_dict()
+        return CellResult("changed", changed)
     result = task.carried_out()
     changed = task.changed() or ("" if task.stamp() == before else "the photos were made anew")
     if changed:
-        return CellResult("changed", changed).to_dict()
-    return replace(result, environment=made_with).to_dict()
+        return CellResult("changed", changed)
+    return replace(result, environment=made_with)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,8 @@ class _Task:
     """A job, with what has to be asked of it more than once."""
 
     job: CellJob
+    method: ChosenMethod
+    protocol: MetricProtocol
 
     @property
     def _capture_directory(self) -> Path:
@@ -96,8 +100,8 @@ class _Task:
         return f"changed since it was planned: {found}"
 
     def _inputs(self, capture: Capture, scan: Scan | None) -> Inputs:
-        method, job = self.job.method, self.job
-        return evaluated(method.info, method.module, capture, scan, job.protocol, job.seed)
+        method, seed = self.method, self.job.seed
+        return evaluated(method.info, method.module, capture, scan, self.protocol, seed)
 
     def carried_out(self) -> CellResult:
         """The method's result, written, and scored where there is a scan.
@@ -111,7 +115,7 @@ class _Task:
         try:
             share = self._sharing(meter)
             capture = self._capture()
-            chosen = views_for(self.job.method.info, capture)
+            chosen = views_for(self.method.info, capture)
             result = self._reconstruction(chosen.capture, truth, meter, share)
             self._require_planned_scoring(result)
             if truth is not None:
@@ -119,7 +123,7 @@ class _Task:
                 others = self._sharing(StageMeter())
                 # On all photos, whichever of them the method was given.
                 every = capture.from_front()
-                scores = scores_of(result, every, truth, self.job.protocol, others)
+                scores = scores_of(result, every, truth, self.protocol, others)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except (Killed, WriteError) as error:
@@ -145,7 +149,7 @@ class _Task:
     def _reconstruction(
         self, capture: Capture, truth: Truth | None, meter: StageMeter, share: Sharing
     ) -> Reconstruction:
-        info = self.job.method.info
+        info = self.method.info
         lent = _nothing_lent(info) if truth is None else lent_to(info, capture, truth.mesh)
         with self._workdir() as workdir:
             context = Context(
@@ -156,7 +160,7 @@ class _Task:
                 keep=self.job.keep,
                 share=share,
             )
-            return self.job.method.method.reconstruct(capture, context)
+            return self.method.method.reconstruct(capture, context)
 
     @contextlib.contextmanager
     def _workdir(self) -> Iterator[Path]:

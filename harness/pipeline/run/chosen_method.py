@@ -13,7 +13,32 @@ from harness.core.process.installable import Installable
 from harness.core.protocols import Configurable, Method, MethodInfo
 from harness.pipeline.foreign.added_methods import ADDED_MODULE, AddedMethods
 from harness.pipeline.inputs.part_choice import PartChoice
+from harness.pipeline.inputs.workspace import Workspace
 from methods.catalog import METHODS
+
+
+@dataclass(frozen=True, slots=True)
+class MethodRef:
+    """A method by name, as it travels to other processes.
+
+    Attributes:
+        name: In the catalogue, or among the methods that were added.
+        settings: As text by name.
+        row: What its records are called; empty for its name.
+    """
+
+    name: str
+    settings: Mapping[str, str]
+    row: str = ""
+
+    def found(self, workspace: Workspace) -> ChosenMethod:
+        """The method itself, in this process.
+
+        Raises:
+            HarnessError, MissingPart: as ``ChosenMethod.of``.
+        """
+        added = AddedMethods.of(workspace)
+        return ChosenMethod.of(self.name, self.settings, self.row, added=added)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +105,11 @@ class ChosenMethod:
                 hint="Register it under its own name",
             )
         return chosen
+
+    @property
+    def ref(self) -> MethodRef:
+        """What it is found by again."""
+        return MethodRef(self.name, self.settings, "" if self.row == self.name else self.row)
 
     @property
     def info(self) -> MethodInfo:

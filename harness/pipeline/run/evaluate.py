@@ -15,8 +15,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 from harness.core.artifacts import Capture
-from harness.core.errors import HarnessError, MissingPart
+from harness.core.errors import HarnessError, MissingPart, error_values
 from harness.core.files.names import named_from
+from harness.core.formats.typed_json import from_json
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.pipeline.executors.local import Local
@@ -25,15 +26,13 @@ from harness.pipeline.inputs.captures import PHOTOS, photograph, require_avatars
 from harness.pipeline.inputs.environment import environment, utc_now
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.progress import Progress
-from harness.pipeline.run.cell_job import CellJob
-from harness.pipeline.run.cell_result import CellResult
+from harness.pipeline.run.cell_job import CellJob, CellResult
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.plan import Cell, EvalRequest, SubjectFiles, plan
 from harness.pipeline.run.publication import Attempt
 from harness.pipeline.run.store import Outcome
 from harness.pipeline.run.tasks.known_files import KnownFiles
 from harness.pipeline.run.tasks.run_of_tasks import CELLS, MachineShare, RunOfTasks
-from harness.pipeline.run.tasks.run_values import error_values
 
 _WORKER = "harness.pipeline.run.cell_worker"
 #: How often a cell is planned again because photos, scan or code changed under it.
@@ -216,8 +215,8 @@ class CellRun:
         request = self.request
         job = CellJob(
             source=request.source.only(cell.subject),
-            method=cell.method,
-            protocol=request.protocol,
+            method=cell.method.ref,
+            protocol=request.protocol.name,
             seed=request.seed,
             inputs=cell.inputs,
             folder=attempt.results,
@@ -225,15 +224,13 @@ class CellRun:
             share=request.share,
         )
         try:
-            values = run_worker(
-                _WORKER, job.to_dict(), log=attempt.log, timeout_s=request.timeout_s
-            )
+            values = run_worker(_WORKER, job, log=attempt.log, timeout_s=request.timeout_s)
         except WorkerDied as error:
             # Memory may have run out because of others, and a person may have killed it.
             return _failure(error, by_method=error.by_signal != signal.SIGKILL)
         except HarnessError as error:
             return _failure(error, by_method=False)
-        return CellResult.from_dict(values)
+        return from_json(CellResult, values, "the worker's answer", "a cell's result")
 
     def _filed(self, cell: Cell, result: CellResult, attempt: Attempt) -> Outcome:
         record = _record(self.request, cell, result)

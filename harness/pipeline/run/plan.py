@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from harness.core.artifacts import Capture, Scan
@@ -17,7 +18,7 @@ from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.pipeline.executors.task import Executor
 from harness.pipeline.inputs.sources import Source
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.pipeline.run.chosen_method import ChosenMethod, MethodRef
 from harness.pipeline.run.record_inputs import Inputs, made_from, method_code
 from harness.pipeline.run.store import CellFolder, RunStore
 
@@ -113,6 +114,19 @@ class EvalRequest:
     share: bool = True
     executor: Executor | None = None
 
+    def job(self, methods: Sequence[ChosenMethod]) -> RequestJob:
+        """The request with some of its methods, as it travels to other machines."""
+        return RequestJob(
+            source=self.source,
+            methods=tuple(method.ref for method in methods),
+            protocol=self.protocol.name,
+            store=self.store.directory.resolve(),
+            seed=self.seed,
+            keep=self.keep,
+            timeout_s=self.timeout_s,
+            share=self.share,
+        )
+
     def cell(self, method: ChosenMethod, files: SubjectFiles, read: ReadCode = method_code) -> Cell:
         """The cell of a method on a subject whose photos and scan are there.
 
@@ -141,6 +155,55 @@ class EvalRequest:
         """The cell of a method on a subject whose photos or scan are not there."""
         folder = self.store.cell(method.row, subject)
         return Cell(method, subject, method.info, folder, why)
+
+
+@dataclass(frozen=True, slots=True)
+class RequestJob:
+    """An ``EvalRequest`` by names, from which another machine makes the same one."""
+
+    source: Source
+    methods: tuple[MethodRef, ...]
+    protocol: str
+    store: Path
+    seed: int
+    keep: bool
+    timeout_s: float | None
+    share: bool
+
+    def found(self) -> EvalRequest:
+        """The request, with names resolved in this process.
+
+        Raises:
+            HarnessError: the manifest is not here, or names in it or in the catalogue are not.
+            MissingPart: a method, or one of its parts, is not installed here.
+        """
+        return EvalRequest(
+            source=self.source,
+            methods=tuple(method.found(self.source.workspace) for method in self.methods),
+            protocol=self.source.manifest.protocol(self.protocol),
+            store=RunStore(self.store),
+            seed=self.seed,
+            keep=self.keep,
+            timeout_s=self.timeout_s,
+            share=self.share,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SubjectJob:
+    """A task of a run: a subject's photos, or one of its cells.
+
+    Attributes:
+        run: Id of the run, whose request is resolved once a process.
+        request: The request, with the cell's method alone.
+        subject: The subject's id.
+        row: The cell's row; empty for photos.
+    """
+
+    run: str
+    request: RequestJob
+    subject: str
+    row: str = ""
 
 
 def _why_not_current(record: Record | None, inputs: Inputs) -> str:

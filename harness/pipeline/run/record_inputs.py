@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError
@@ -60,11 +59,6 @@ class Inputs:
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values, as records hold them."""
         return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Inputs:
-        """The inputs behind ``to_dict``."""
-        return cls(**values)
 
     @property
     def key(self) -> str:

@@ -7,44 +7,41 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from harness.core.errors import found_error
 from harness.pipeline.progress import Progress
 from harness.pipeline.run.evaluate import CellRun
-from harness.pipeline.run.tasks.run_values import found_error, found_methods, found_request
+from harness.pipeline.run.plan import SubjectJob
 
 _lock = threading.Lock()
 #: The run that this process works on, by its id; another one takes its place.
 _current: dict[str, CellRun] = {}
 
 
-def photos(
-    values: Mapping[str, Any], before: Mapping[str, Any] | None, progress: Progress
-) -> dict[str, object]:
+def photos(job: SubjectJob, before: object, progress: Progress) -> dict[str, object]:
     """The photos of a subject, made if need be: ``warnings``, or the ``error`` instead."""
     del before
-    return _run(values).photos(values["subject"], progress)
+    return _run(job).photos(job.subject, progress)
 
 
 def cell(
-    values: Mapping[str, Any], before: Mapping[str, Any] | None, progress: Progress
+    job: SubjectJob, before: Mapping[str, Any] | None, progress: Progress
 ) -> dict[str, object]:
     """A method on a subject; the record is filed, and the answer is ``CellRun.carried_out``'s."""
-    run = _run(values)
+    run = _run(job)
     if before and "error" in before:
-        run.known.put(values["subject"], found_error(before["error"]))
-    return run.carried_out(values["row"], values["subject"], progress)
+        run.known.put(job.subject, found_error(before["error"]))
+    return run.carried_out(job.row, job.subject, progress)
 
 
-def _run(values: Mapping[str, Any]) -> CellRun:
+def _run(job: SubjectJob) -> CellRun:
     """The run, with the methods that a task names.
 
     Of a run with many methods, a worker resolves those alone that it is asked for.
     """
-    request, name = values["request"], values["run"]
     with _lock:
-        if name not in _current:
-            made = CellRun(found_request({**request, "methods": []}))
+        if job.run not in _current:
+            made = CellRun(replace(job.request, methods=()).found())
             _current.clear()
-            _current[name] = made
-        run = _current[name]
-    methods = found_methods(request, run.request.source.workspace)
-    return replace(run, request=replace(run.request, methods=methods))
+            _current[job.run] = made
+        run = _current[job.run]
+    return replace(run, request=job.request.found())

@@ -5,17 +5,15 @@ from __future__ import annotations
 import threading
 import uuid
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.errors import DataError
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.inputs.captures import PHOTOS
 from harness.pipeline.progress import Progress
-from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.run.plan import Cell, EvalRequest
+from harness.pipeline.run.plan import Cell, EvalRequest, RequestJob, SubjectJob
 from harness.pipeline.run.store import Outcome
-from harness.pipeline.run.tasks.run_values import request_values
 
 #: Name of the progress bar that counts cells.
 CELLS = "reconstructions"
@@ -56,27 +54,6 @@ class _Ended:
     kept: str
 
 
-class _Shared:
-    """What tasks of a run have in common.
-
-    Args:
-        request: What was asked for.
-    """
-
-    def __init__(self, request: EvalRequest) -> None:
-        self._request, self._run = request, uuid.uuid4().hex
-        self._by_row: dict[str, dict[str, object]] = {}
-
-    def values(self, method: ChosenMethod | None) -> dict[str, object]:
-        """The run and its request, with one method or none; the same object for each row."""
-        row = method.row if method else ""
-        if row not in self._by_row:
-            methods = (method,) if method else ()
-            request = request_values(replace(self._request, methods=methods))
-            self._by_row[row] = {"run": self._run, "request": request}
-        return self._by_row[row]
-
-
 class RunOfTasks:
     """The tasks of a request, and the answers to them.
 
@@ -97,30 +74,33 @@ class RunOfTasks:
 
     def tasks_for(self, cells: Sequence[Cell]) -> list[Task]:
         """The tasks of cells, by subject; a cell with a current record has none."""
-        shared = _Shared(self._request)
-        tasks: list[Task] = []
+        run, tasks = uuid.uuid4().hex, list[Task]()
+        # The same object for each task of a row, of which there may be many.
+        jobs = {method.row: self._request.job([method]) for method in self._request.methods}
+        jobs[""] = self._request.job([])
         for cell in cells:
             if cell.record is not None:
                 self._end((cell.method.row, cell.subject), {"cached": True, "kept": "", "line": ""})
                 continue
-            self._add_cell(cell, shared, tasks)
+            tasks += self._tasks_of(cell, run, jobs)
         for cell in {cell.subject: cell for cell in cells if cell.files is not None}.values():
             self._warn(cell.subject, cell.files.capture.warnings if cell.files else ())
         return tasks
 
-    def _add_cell(self, cell: Cell, shared: _Shared, tasks: list[Task]) -> None:
+    def _tasks_of(self, cell: Cell, run: str, jobs: Mapping[str, RequestJob]) -> Iterator[Task]:
         subject, row = cell.subject, cell.method.row
         photos = ""
         if cell.files is None:
             photos = f"photos of {subject}"
             if photos not in self._photos:
                 self._photos[photos] = subject
-                values = {**shared.values(None), "subject": subject}
-                tasks.append(Task(photos, f"{_HANDLERS}:photos", values, subject, renders=True))
+                job = SubjectJob(run, jobs[""], subject)
+                yield Task(photos, f"{_HANDLERS}:photos", job, subject, renders=True)
         name = f"{row} on {subject}"
         self._cells[name] = (row, subject)
-        values = {**shared.values(cell.method), "subject": subject, "row": row}
-        tasks.append(Task(name, f"{_HANDLERS}:cell", values, subject, photos))
+        yield Task(
+            name, f"{_HANDLERS}:cell", SubjectJob(run, jobs[row], subject, row), subject, photos
+        )
 
     def answered(self, answer: Answer) -> None:
         """Take the answer to a task."""

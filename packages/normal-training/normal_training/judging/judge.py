@@ -83,7 +83,7 @@ def judged_networks(request: JudgeRequest, progress: Progress) -> list[NetworkRo
         found = None if waits else _stored(_file(source, subject, request.settings, sums))
         if found is None:
             job = JudgeJob(source, request.networks, request.settings)
-            found = run_worker(_WORKER, job.to_dict(), progress=counted(progress, _PHOTOS))
+            found = run_worker(_WORKER, job, progress=counted(progress, _PHOTOS))
             write_json(_file(source, subject, request.settings, sums), found)
         else:
             progress.done(_PHOTOS, request.settings.views)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from harness.core.files.hashing import derive_seed
 from harness.core.process.steps import StepReport
@@ -34,39 +33,21 @@ class JudgeJob:
     networks: Mapping[str, Path]
     settings: SampleSettings
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return {
-            "source": self.source.to_dict(),
-            "networks": {name: str(path) for name, path in self.networks.items()},
-            "settings": asdict(self.settings),
-        }
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> JudgeJob:
-        """The job behind ``to_dict``."""
-        return cls(
-            Source.from_dict(values["source"]),
-            {name: Path(path) for name, path in values["networks"].items()},
-            SampleSettings(**values["settings"]),
-        )
-
-
-def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
+def handle(job: JudgeJob, report: StepReport) -> dict[str, object]:
     """Make the subject, if it is generated and not there, and judge the networks on it."""
-    asked = JudgeJob.from_dict(job)
-    (subject,) = asked.source.subjects
-    if asked.source.is_generated:
-        asked.source.make_avatar(subject)
-    scan, mesh = asked.source.load(subject)
-    studio, settings = Studio(scan, mesh, asked.settings.seed), asked.settings
+    (subject,) = job.source.subjects
+    if job.source.is_generated:
+        job.source.make_avatar(subject)
+    scan, mesh = job.source.load(subject)
+    studio, settings = Studio(scan, mesh, job.settings.seed), job.settings
     # Each at the size that it asks for: the scenes are the same.
     estimators: dict[SampleSettings, dict[str, NormalEstimator]] = {settings: {BODY: BodyNormals()}}
-    for name, path in asked.networks.items():
+    for name, path in job.networks.items():
         network = installed.loaded(path)
         size = settings.seen_at(network.side_px) if network.side_px else settings
         estimators.setdefault(size, {})[name] = network
-    found: dict[str, list[NormalsJudgement]] = {name: [] for name in (BODY, *asked.networks)}
+    found: dict[str, list[NormalsJudgement]] = {name: [] for name in (BODY, *job.networks)}
     for view in range(settings.views):
         seed = derive_seed(settings.seed, "judge", scan.subject, view)
         for size, some in estimators.items():

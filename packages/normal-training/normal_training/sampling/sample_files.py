@@ -111,7 +111,7 @@ def ensure_samples(
             if not _is_current(source, subject, settings, paths[subject]):
                 remove_leftovers(paths[subject])
                 try:
-                    run_worker(_WORKER, job.to_dict(), progress=counted(progress, _SAMPLES))
+                    run_worker(_WORKER, job, progress=counted(progress, _SAMPLES))
                 except (MissingPart, WriteError, WorkerDied):
                     raise
                 except HarnessError as error:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import worker_main
@@ -29,32 +27,14 @@ class SampleJob:
     settings: SampleSettings
     path: Path
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return {
-            "source": self.source.to_dict(),
-            "settings": asdict(self.settings),
-            "path": str(self.path),
-        }
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> SampleJob:
-        """The job behind ``to_dict``."""
-        return cls(
-            Source.from_dict(values["source"]),
-            SampleSettings(**values["settings"]),
-            Path(values["path"]),
-        )
-
-
-def handle(job: dict[str, Any], report: StepReport) -> dict[str, object]:
+def handle(job: SampleJob, report: StepReport) -> dict[str, object]:
     """Make the subject, if it is generated and not there, and write its samples."""
-    asked = SampleJob.from_dict(job)
-    (subject,) = asked.source.subjects
-    if asked.source.is_generated:
-        asked.source.make_avatar(subject)
-    scan, mesh = asked.source.load(subject)
-    make_samples(scan, mesh, asked.settings, asked.path, report)
+    (subject,) = job.source.subjects
+    if job.source.is_generated:
+        job.source.make_avatar(subject)
+    scan, mesh = job.source.load(subject)
+    make_samples(scan, mesh, job.settings, job.path, report)
     return {}
 
 

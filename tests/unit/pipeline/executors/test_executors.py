@@ -19,15 +19,16 @@ from typing import Any
 import pytest
 
 from harness.cli.executor_options import ExecutorName, Where
-from harness.core.errors import DataError, HarnessError, MissingPart
+from harness.core.errors import DataError, HarnessError, MissingPart, error_values, found_error
+from harness.core.formats.typed_json import from_json, to_json
 from harness.data.manifest import load_manifest
 from harness.pipeline.executors import extras, grants, machine, slurm
 from harness.pipeline.executors.grants import Grant, granted
 from harness.pipeline.executors.local import Local
 from harness.pipeline.executors.machine import machine_facts
-from harness.pipeline.executors.on_a_machine import carry_out_here, travelling
+from harness.pipeline.executors.on_a_machine import Errand, carry_out_here
 from harness.pipeline.executors.ray_cluster import RAY_VERSION, RayCluster
-from harness.pipeline.executors.slurm import SUBMITIT_VERSION, Slurm, carry_out_element
+from harness.pipeline.executors.slurm import SUBMITIT_VERSION, Element, Slurm, carry_out_element
 from harness.pipeline.executors.task import Answer, Task, groups
 from harness.pipeline.inputs.captures import render_all
 from harness.pipeline.inputs.sources import Source
@@ -35,15 +36,9 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.progress import Progress, Silent
 from harness.pipeline.run.chosen_method import chosen_methods
 from harness.pipeline.run.evaluate import evaluate
-from harness.pipeline.run.plan import EvalRequest, plan
+from harness.pipeline.run.plan import EvalRequest, RequestJob, plan
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.run.tasks.run_of_tasks import RunOfTasks
-from harness.pipeline.run.tasks.run_values import (
-    error_values,
-    found_error,
-    found_request,
-    request_values,
-)
 
 ROOT = Path(__file__).parents[4]
 CORES = len(os.sched_getaffinity(0))
@@ -112,18 +107,14 @@ def test_an_error_on_this_machine_ends_a_local_run() -> None:
 
 
 def test_an_error_on_another_machine_is_an_answer() -> None:
-    values = carry_out_here(travelling(Task("a", handler("refuse"), {}, "g"), 1))
-
-    answer = Answer.from_dict(json.loads(json.dumps(values)))
+    answer = carry_out_here(Errand.of(Task("a", handler("refuse"), {}, "g"), 1))
 
     assert answer.lost == "no such file here. Copy it"
     assert not answer.value
 
 
 def test_an_answer_says_where_it_comes_from_and_what_was_said() -> None:
-    values = carry_out_here(travelling(task("b", 5), 1), {"sum": 2}, "node (1)")
-
-    answer = Answer.from_dict(json.loads(json.dumps(values)))
+    answer = carry_out_here(Errand.of(task("b", 5), 1), {"sum": 2}, "node (1)")
 
     assert (answer.task, answer.value, answer.said) == ("b", {"sum": 7}, ("adds 5",))
     assert (answer.machine, answer.lost) == ("node (1)", "")
@@ -135,14 +126,14 @@ def test_a_task_has_the_threads_that_it_is_granted_and_our_variables(
 ) -> None:
     monkeypatch.setenv("HARNESS_DEVICE", "cpu")
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    travels = travelling(Task("a", handler("environment"), {}, "g"), 1)
+    travels = Errand.of(Task("a", handler("environment"), {}, "g"), 1)
     # There, another user's choice must not count.
     monkeypatch.setenv("HARNESS_DEVICE", "cuda")
     monkeypatch.setenv("HARNESS_STRAY", "1")
 
     answer = carry_out_here(travels)
 
-    value: Any = answer["value"]
+    value: Any = answer.value
     assert value["cores"] == 1
     assert value["variables"]["OMP_NUM_THREADS"] == "1"
     assert value["variables"]["HARNESS_DEVICE"] == "cpu"
@@ -222,9 +213,9 @@ def test_a_machine_without_slurm_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_an_element_files_each_of_its_answers(tmp_path: Path) -> None:
-    chunk = [travelling(task(name, number), 1) for name, number in (("a", 1), ("b", 2))]
+    errands = tuple(Errand.of(task(name, number), 1) for name, number in (("a", 1), ("b", 2)))
     element = tmp_path / "cells-0.json"
-    element.write_text(json.dumps({"tasks": chunk, "answers": str(tmp_path / "answers")}))
+    element.write_text(json.dumps(to_json(Element(errands, tmp_path / "answers"))))
 
     assert carry_out_element(str(element)) == 2
 
@@ -287,9 +278,10 @@ def request_of_two(tmp_path: Path) -> EvalRequest:
 
 
 def test_a_request_is_the_same_on_the_other_side(request_of_two: EvalRequest) -> None:
-    found = found_request(json.loads(json.dumps(request_values(request_of_two))))
+    job = request_of_two.job(request_of_two.methods)
+    found = from_json(RequestJob, json.loads(json.dumps(to_json(job))), "the job", "one").found()
 
-    assert request_values(found) == request_values(request_of_two)
+    assert found.job(found.methods) == job
     assert found.source == request_of_two.source
     assert found.methods[0].info == request_of_two.methods[0].info
     assert (found.seed, found.keep, found.protocol) == (3, True, request_of_two.protocol)
@@ -303,14 +295,14 @@ def test_a_task_names_its_own_method_alone(request_of_two: EvalRequest) -> None:
 
     tasks = RunOfTasks(both, Silent(), lambda *cell: {}).tasks_for(plan(both))
 
-    named = {each.name: each.values["request"]["methods"] for each in tasks}
+    named = {each.name: each.job.request.methods for each in tasks}
     first = both.source.subjects[0]
-    assert named[f"photos of {first}"] == []
-    assert [each["row"] for each in named[f"coarser on {first}"]] == ["coarser"]
-    assert [each["name"] for each in named[f"gt on {first}"]] == ["gt"]
-    assert len({each.values["run"] for each in tasks}) == 1
-    # Tasks of a row share their values, of which there may be many.
-    assert len({id(each.values["request"]) for each in tasks}) == 3
+    assert named[f"photos of {first}"] == ()
+    assert [each.row for each in named[f"coarser on {first}"]] == ["coarser"]
+    assert [each.name for each in named[f"gt on {first}"]] == ["gt"]
+    assert len({each.job.run for each in tasks}) == 1
+    # Tasks of a row share their request, of which there may be many.
+    assert len({id(each.job.request) for each in tasks}) == 3
 
 
 class Nowhere:
@@ -378,7 +370,7 @@ def test_cells_wait_for_photos_and_a_lost_one_is_given_up(request_of_two: EvalRe
         (f"photos of {second}", "", second, True),
         (f"coarser on {second}", f"photos of {second}", second, False),
     ]
-    assert json.loads(json.dumps(tasks[1].values))["row"] == "coarser"
+    assert tasks[1].job.row == "coarser"
     assert given_up == [("coarser", first, "its worker was lost")]
     assert told.lines == [f"{first}: cut", f"coarser on {first} failed: its worker was lost"]
     (share,) = run.machines()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from harness.core.files.atomic import write_json
+from harness.core.formats.typed_json import to_json
 from harness.pipeline.executors import slurm
 from harness.pipeline.executors.slurm import Slurm
 from harness.pipeline.executors.task import Answer
@@ -14,7 +15,7 @@ def test_an_answer_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
     answers = tmp_path / "answers"
     whole, half = answers / "a.json", answers / ".b.json.0123.part.json"
     for path, name in ((whole, "one"), (half, "two")):
-        write_json(path, Answer(name, {"line": ""}).to_dict())
+        write_json(path, to_json(Answer(name, {"line": ""})))
     tasks = {name: name for name in ("one", "two")}
     taken: list[Answer] = []
 

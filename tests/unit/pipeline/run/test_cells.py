@@ -10,6 +10,7 @@ import pytest
 
 from harness.core.artifacts import Body, Reconstruction, StageCost
 from harness.core.errors import HarnessError, MethodError
+from harness.core.formats.typed_json import from_json, to_json
 from harness.core.mesh import Mesh
 from harness.core.records import Environment
 from harness.core.results import MetricValue, Scores
@@ -17,8 +18,7 @@ from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run import cell_worker
-from harness.pipeline.run.cell_job import CellJob
-from harness.pipeline.run.cell_result import CellResult
+from harness.pipeline.run.cell_job import CellJob, CellResult
 from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods, chosen_methods
 from harness.pipeline.run.plan import EvalRequest, plan
 from harness.pipeline.run.record_inputs import Inputs, method_code
@@ -43,15 +43,16 @@ def test_a_job_is_the_same_on_the_other_side(source: Source, tmp_path: Path) -> 
     (method,) = chosen_methods(["hull8"], {"hull.voxel_m": "0.02"})
     protocol = source.manifest.protocol("mexecon")
     alone = source.only(source.subjects[1])
-    job = CellJob(alone, method, protocol, 3, inputs_of("methods.hull"), tmp_path, keep=True)
+    job = CellJob(
+        alone, method.ref, protocol.name, 3, inputs_of("methods.hull"), tmp_path, keep=True
+    )
 
-    found = CellJob.from_dict(json.loads(json.dumps(job.to_dict())))
+    found = from_json(CellJob, json.loads(json.dumps(to_json(job))), "the job", "one")
 
     assert found.subject == source.subjects[1]
-    assert found.to_dict() == job.to_dict()
+    assert found == job
     assert found.inputs.key == job.inputs.key
-    assert found.method.info == method.info
-    assert found.protocol == protocol
+    assert found.method.found(source.workspace).info == method.info
 
 
 def test_a_result_is_the_same_on_the_other_side() -> None:
@@ -63,7 +64,8 @@ def test_a_result_is_the_same_on_the_other_side() -> None:
         files={"mesh.ply": "0"},
         environment=Environment(cpus=2),
     )
-    assert CellResult.from_dict(json.loads(json.dumps(result.to_dict()))) == result
+    written = json.loads(json.dumps(to_json(result)))
+    assert from_json(CellResult, written, "the answer", "one") == result
 
 
 def test_a_plan_waits_for_photos_and_knows_its_methods(source: Source, tmp_path: Path) -> None:
@@ -97,10 +99,10 @@ def test_a_body_is_refused_only_where_the_key_does_not_count_its_scoring(
 ) -> None:
     (method,) = chosen_methods(["hull8"], {})
     protocol = source.manifest.protocol("mexecon")
-    job = CellJob(source, method, protocol, 0, inputs_of(module), tmp_path, keep=False)
+    job = CellJob(source, method.ref, protocol.name, 0, inputs_of(module), tmp_path, keep=False)
     body = Body("toy", CORNERS, CORNERS, FACES.astype(np.int32), {})
     result = Reconstruction(Mesh(CORNERS, FACES), body=body)
-    task = cell_worker._Task(job)
+    task = cell_worker._Task(job, method, protocol)
     if refused:
         with pytest.raises(MethodError, match="returned a body, which its code does not name"):
             task._require_planned_scoring(result)

@@ -9,6 +9,7 @@ import pytest
 
 from harness.core.artifacts import Reconstruction
 from harness.core.formats.obj import write_obj
+from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
 from harness.core.protocols import MethodInfo
 from harness.data.manifest import load_manifest
@@ -77,8 +78,8 @@ def carried_out(witness, filed, world, monkeypatch) -> dict:
     inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
     cell = world / "cell"
     cell.mkdir()
-    job = CellJob(source.only("t1"), chosen, protocol, 0, inputs, cell, keep=False)
-    told = cell_worker.handle(job.to_dict(), lambda *_: None)
+    job = CellJob(source.only("t1"), chosen.ref, protocol.name, 0, inputs, cell, keep=False)
+    told = to_json(cell_worker.handle(job, lambda *_: None))
     assert told["status"] == "ok", told["reason"]
     return told
 
