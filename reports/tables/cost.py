@@ -34,14 +34,11 @@ def cost_table(
     """
     selection = select(records, methods, subjects)
     of = len(selection.subjects)
-    return Table(
+    return selection.table(
         name="cost",
         title="Cost of one reconstruction",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
         columns=COST_COLUMNS,
-        rows=tuple(_row(group, of, interval) for group in selection.groups),
+        rows=(_row(group, of, interval) for group in selection.groups),
         remarks=(
             "Time: mean over subjects. Memory: highest of any subject",
             *selection.remarks,

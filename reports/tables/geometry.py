@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 from statistics import fmean
 
 from harness.core.errors import ProtocolMismatch
 from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
 from reports.published import PUBLISHED
-from reports.tables.selection import Group, Selection, select
-from reports.tables.table import (
-    Cell,
-    Column,
-    Interval,
-    Row,
-    Table,
-    subject_cell,
-    with_common_means,
-)
+from reports.tables.selection import Selection, select
+from reports.tables.table import Column, Interval, Table, cells_of, with_common_means
 
 #: Metric ids of the paper's geometry table, in its order.
 GEOMETRY_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
@@ -47,14 +40,15 @@ def geometry_table(
     """
     selection = select(records, methods, subjects)
     columns = tuple(metric_column(metric) for metric in GEOMETRY_METRICS)
-    table = Table(
+    of = len(selection.subjects)
+    rows = [
+        group.row(of, cells_of(_READERS, group.by_subject, interval)) for group in selection.groups
+    ]
+    table = selection.table(
         name="geometry",
         title="Mesh geometry",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
         columns=columns,
-        rows=tuple(_row(group, len(selection.subjects), interval) for group in selection.groups),
+        rows=rows,
         remarks=(*selection.remarks, *_floor_remarks(selection, columns)),
         published=PUBLISHED["geometry"] if published else None,
     )
@@ -72,19 +66,6 @@ def metric_column(metric: str, *, ranked: bool = True) -> Column:
         digits=described.digits,
         ranked=ranked,
     )
-
-
-def _row(group: Group, of: int, interval: Interval | None) -> Row:
-    return group.row(of, _cells(group.ok, interval) if group.ok else {})
-
-
-def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:
-    return {
-        metric: subject_cell(
-            {record.subject: metric_value(record, metric) for record in records}, interval
-        )
-        for metric in GEOMETRY_METRICS
-    }
 
 
 def metric_value(record: Record, metric: str) -> float:
@@ -109,6 +90,9 @@ def metric_value(record: Record, metric: str) -> float:
             f"{metric} of {where} is in another unit", expected=unit, got=estimate.unit
         )
     return estimate.value
+
+
+_READERS = {metric: partial(metric_value, metric=metric) for metric in GEOMETRY_METRICS}
 
 
 def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]:

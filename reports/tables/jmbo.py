@@ -6,13 +6,14 @@ The paper's ablation of JMBO, and beside its losses what only subjects with a kn
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from harness.core.errors import ProtocolMismatch
 from harness.core.records import Record
 from reports.published import PUBLISHED
 from reports.tables.geometry import metric_column
 from reports.tables.selection import Group, select
-from reports.tables.table import Cell, Interval, Row, Table, subject_cell, with_common_means
+from reports.tables.table import Cell, Interval, Table, cells_of, with_common_means
 
 #: Metric ids in the order of the paper's table, then ours.
 BODY_METRICS = (
@@ -49,16 +50,12 @@ def jmbo_table(
     selection = select(records, methods, subjects)
     with_body = [group for group in selection.groups if not group.ok or _has_body(group)]
     without = [group.title for group in selection.groups if group not in with_body]
-    table = Table(
+    of = len(selection.subjects)
+    table = selection.table(
         name="jmbo",
         title="Body fit",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
-        columns=tuple(
-            metric_column(metric, ranked=metric not in _UNRANKED) for metric in BODY_METRICS
-        ),
-        rows=tuple(_row(group, len(selection.subjects), interval) for group in with_body),
+        columns=(metric_column(name, ranked=name not in _UNRANKED) for name in BODY_METRICS),
+        rows=(group.row(of, _cells(group, interval)) for group in with_body),
         remarks=(
             "Losses: per image, mean over the views; weights of the total 1, 0.2, 0.1",
             "Joints: 12, no alignment",
@@ -104,23 +101,22 @@ def _has_body(group: Group) -> bool:
     return any("silhouette_loss" in record.metrics for record in group.ok)
 
 
-def _row(group: Group, of: int, interval: Interval | None) -> Row:
-    return group.row(of, _cells(group.ok, interval))
-
-
-def _cells(records: Sequence[Record], interval: Interval | None) -> Mapping[str, Cell]:
+def _cells(group: Group, interval: Interval | None) -> Mapping[str, Cell]:
     """A cell for every metric that all subjects have; the true body is not known everywhere."""
-    cells = {}
-    for metric in BODY_METRICS:
-        have = [record for record in records if metric in record.metrics]
-        if have and len(have) < len(records):
-            absent = next(record for record in records if metric not in record.metrics)
+    cells = cells_of(_READERS, group.by_subject, interval)
+    for metric, cell in cells.items():
+        absent = [each for each in group.ok if each.subject not in cell.by_subject]
+        if absent:
             raise ProtocolMismatch(
-                f"the record of {absent.method_name}/{absent.subject} has no {metric}",
-                expected=f"as in {have[0].method_name}/{have[0].subject}",
+                f"the record of {absent[0].method_name}/{absent[0].subject} has no {metric}",
+                expected=f"as in {absent[0].method_name}/{next(iter(cell.by_subject))}",
                 hint="Evaluate it again to replace it",
             )
-        if have:
-            values = {record.subject: record.metrics[metric].value for record in have}
-            cells[metric] = subject_cell(values, interval)
     return cells
+
+
+def _value(record: Record, metric: str) -> float | None:
+    return record.metrics[metric].value if metric in record.metrics else None
+
+
+_READERS = {metric: partial(_value, metric=metric) for metric in BODY_METRICS}

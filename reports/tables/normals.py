@@ -132,6 +132,7 @@ _FOLD_REMARK = (
     "by 15 mm, as a share of the scan's; correlation: of what that blur takes away; both over the "
     "whole subject"
 )
+_ABSENT = "normal maps, because the method makes none, or the record is older than they"
 _UNLABELLED = "Scans without labels of garments: every column is over all pixels of the subject"
 
 _QUANTITIES = {
@@ -165,12 +166,7 @@ def normals_table(
     method there are no rows. Arguments and errors are those of ``geometry_table``.
     """
     selection = select(records, methods, subjects)
-    shown = [
-        group
-        for group in selection.groups
-        if group.ok and all(record.normal_maps for record in group.ok)
-    ]
-    absent = [group for group in selection.groups if group not in shown]
+    shown = [group for group in selection.shown(_maps) if group.ok]
     rows = [
         _row(group, key, len(selection.subjects), interval)
         for group in shown
@@ -180,21 +176,18 @@ def normals_table(
     columns = {name: quantity.column for name, quantity in _QUANTITIES.items()} | _FOLDS
     names = (*_PRINTED, *(_PRINTED_FOLDS if has_folds else ()))
     printed = (columns["body_error"], columns["error"], _RATIO, *(columns[n] for n in names))
-    return Table(
+    return selection.table(
         name="normals",
         title="Normal maps",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
         columns=printed,
         more=tuple(column for column in columns.values() if column not in printed),
-        rows=tuple(rows),
+        rows=rows,
         remarks=(
             *_REMARKS,
             *([_FOLD_REMARK] if has_folds else []),
             *_estimator_remarks(shown),
             *selection.remarks,
-            *_absence_remarks(absent),
+            *filter(None, [selection.absence(shown, _maps, _ABSENT)]),
             *(["The paper prints no errors of normal maps"] if published else []),
         ),
     )
@@ -234,6 +227,10 @@ def _mean_text(errors: AngularErrors, *, known: bool) -> str:
 def _photo_title(yaw_deg: float) -> str:
     """Which photo it is, for people, by its camera's yaw."""
     return {0.0: "front photo", 180.0: "back photo"}.get(yaw_deg, f"photo at {yaw_deg:.0f}°")
+
+
+def _maps(record: Record) -> object:
+    return record.normal_maps
 
 
 def _keys(group: Group) -> list[_PhotoSide]:
@@ -292,14 +289,3 @@ def _estimator_remarks(shown: Sequence[Group]) -> list[str]:
                 made.setdefault(part.name, []).append(group.title)
     texts = [f"{name} ({'; '.join(titles)})" for name, titles in made.items()]
     return [f"Estimators: {', '.join(texts)}"] if texts else []
-
-
-def _absence_remarks(absent: Sequence[Group]) -> list[str]:
-    """Methods with a record without normal maps, and how many."""
-    names = [
-        f"{group.title} ({sum(not record.normal_maps for record in group.ok)} of {len(group.ok)} "
-        "records)"
-        for group in absent
-    ]
-    why = "the method makes none, or the record is older than they"
-    return [f"Without normal maps, because {why}: {'; '.join(names)}"] if names else []

@@ -131,15 +131,12 @@ def _table(
         for pair in pairs
         if found[pair[0].method]
     ]
-    return Table(
+    return selection.table(
         name="paired",
         title=title,
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
-        columns=tuple(column for name in GEOMETRY_METRICS for column in _columns(name)),
+        columns=(column for name in GEOMETRY_METRICS for column in _columns(name)),
         more=tuple(_p_column(name) for name in GEOMETRY_METRICS),
-        rows=tuple(rows),
+        rows=rows,
         remarks=(
             *selection.remarks,
             *remarks,

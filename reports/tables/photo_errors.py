@@ -64,14 +64,11 @@ def photo_errors_table(
     ]
     rows = [_row(figure, pairs, len(selection.subjects)) for figure in _RANKED]
     used = len({pair.record.method_name for pair in pairs})
-    return Table(
+    return selection.table(
         name="photo-errors",
         title="Rank correlation of figures without a scan with the errors of the mesh",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
-        columns=tuple(_column(error, grouping) for error in _ERRORS for grouping in _GROUPINGS),
-        rows=tuple(row for row in rows if row.cells),
+        columns=(_column(error, grouping) for error in _ERRORS for grouping in _GROUPINGS),
+        rows=(row for row in rows if row.cells),
         remarks=(
             f"{len(pairs)} reconstructions of {used} methods",
             "Spearman's coefficient: 1 where what looks better without the scan is better with it, "

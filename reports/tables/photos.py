@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from harness.core.quality.photo_scores import PhotoScores
 from harness.core.records import Record
 from reports.tables.selection import Group, select
-from reports.tables.table import Column, Interval, Row, Table, subject_cell
+from reports.tables.table import Column, Interval, Row, Table, cells_of
 
 _REMARKS = (
     "Silhouette IoU over the views, and of the worst view; PSNR and SSIM of the mesh coloured from "
@@ -106,15 +106,13 @@ def photos_table(
     """
     selection = select(records, methods)
     shown = [group for group in selection.groups if _scored(group, scores)]
-    return Table(
+    return selection.table(
         name="photos",
         title="Quality without a scan",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
         protocol=None,
-        columns=tuple(figure.column for figure in FIGURES if figure.printed),
+        columns=(figure.column for figure in FIGURES if figure.printed),
         more=tuple(figure.column for figure in FIGURES if not figure.printed),
-        rows=tuple(_row(group, scores, len(selection.subjects), interval) for group in shown),
+        rows=(_row(group, scores, len(selection.subjects), interval) for group in shown),
         remarks=(*_REMARKS, *selection.remarks, *_absence_remarks(absent)),
         origin="Measured in the photos that the method saw",
     )
@@ -136,12 +134,7 @@ def _row(
     interval: Interval | None,
 ) -> Row:
     found = _scored(group, scores)
-    cells = {}
-    for figure in FIGURES:
-        read = {subject: figure.read(score) for subject, score in found.items()}
-        values = {subject: value for subject, value in read.items() if value is not None}
-        if values:
-            cells[figure.id] = subject_cell(values, interval)
+    cells = cells_of({figure.id: figure.read for figure in FIGURES}, found, interval)
     return replace(group.row(of, cells), n=len(found))
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from harness.core.errors import DataError
 from harness.core.records import Record
 from harness.core.results import RegionErrors
 from harness.core.units import Unit
 from reports.tables.selection import Group, select
-from reports.tables.table import Column, Interval, Row, Table, subject_cell, with_common_means
+from reports.tables.table import Column, Interval, Table, cells_of, with_common_means
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,7 @@ _REMARKS = (
     "Torso: with close-fitting tops and their sleeves; arms: bare; legs: with close-fitting "
     "trousers; feet: with shoes",
 )
+_ABSENT = "errors by region, because the scan has no labels, or the record is older than they"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,23 +116,24 @@ def regions_table(
     errors are those of ``geometry_table``.
     """
     selection = select(records, methods, subjects)
-    shown = [group for group in selection.groups if all(record.regions for record in group.ok)]
-    absent = [group for group in selection.groups if group not in shown]
+    shown = selection.shown(_regions)
     measured = any(group.ok for group in shown)
-    table = Table(
+    of = len(selection.subjects)
+    table = selection.table(
         name="regions",
         title="Completeness by region",
-        dataset=selection.dataset,
-        recipe=selection.recipe,
-        protocol=selection.protocol,
-        columns=tuple(_column(_COMPLETENESS, group) for group in REGION_GROUPS),
+        columns=(_column(_COMPLETENESS, group) for group in REGION_GROUPS),
         more=tuple(_column(measure, group) for measure in _MORE for group in REGION_GROUPS),
-        rows=tuple(_row(group, len(selection.subjects), interval) for group in shown if measured),
+        rows=(
+            group.row(of, cells_of(_READERS, group.by_subject, interval))
+            for group in shown
+            if measured
+        ),
         remarks=(
             *_REMARKS,
             *_subject_remarks(shown),
             *selection.remarks,
-            *_absence_remarks(absent),
+            *filter(None, [selection.absence(shown, _regions, _ABSENT)]),
             *(["The paper prints no errors by region"] if published else []),
         ),
     )
@@ -148,17 +151,6 @@ def _column(measure: _Measure, group: RegionGroup) -> Column:
         digits=measure.digits,
         ranked=printed,
     )
-
-
-def _row(group: Group, of: int, interval: Interval | None) -> Row:
-    cells = {}
-    for measure in (_COMPLETENESS, *_MORE):
-        for column in REGION_GROUPS:
-            found = {record.subject: _pooled(record, column, measure) for record in group.ok}
-            values = {subject: value for subject, value in found.items() if value is not None}
-            if values:
-                cells[f"{measure.id}_{column.id}"] = subject_cell(values, interval)
-    return group.row(of, cells)
 
 
 def _pooled(record: Record, group: RegionGroup, measure: _Measure) -> float | None:
@@ -205,12 +197,12 @@ def _subject_remarks(shown: Sequence[Group]) -> list[str]:
     ]
 
 
-def _absence_remarks(absent: Sequence[Group]) -> list[str]:
-    """Methods with a record of an unlabelled scan, or of an earlier version, and how many."""
-    names = [
-        f"{group.title} ({sum(not record.regions for record in group.ok)} of {len(group.ok)} "
-        "records)"
-        for group in absent
-    ]
-    why = "the scan has no labels, or the record is older than they"
-    return [f"Without errors by region, because {why}: {'; '.join(names)}"] if names else []
+def _regions(record: Record) -> object:
+    return record.regions
+
+
+_READERS = {
+    f"{measure.id}_{group.id}": partial(_pooled, group=group, measure=measure)
+    for measure in (_COMPLETENESS, *_MORE)
+    for group in REGION_GROUPS
+}

@@ -7,15 +7,16 @@ versions of one method. A subject that failed or was never run keeps its place i
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import canonical_json
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.records import ProtocolStamp, Record
-from reports.tables.table import Cell, Row
+from reports.tables.table import Cell, Column, Row, Table
 
 _SHOWN_SUBJECTS = 8
 _REASON_LENGTH = 120
@@ -49,6 +50,11 @@ class Group:
     privileges: tuple[Privilege, ...]
     competes: bool
 
+    @property
+    def by_subject(self) -> dict[str, Record]:
+        """The records with numbers by subject."""
+        return {record.subject: record for record in self.ok}
+
     def row(self, of: int, cells: Mapping[str, Cell]) -> Row:
         """The method's row of a table over ``of`` subjects."""
         return Row(
@@ -73,6 +79,33 @@ class Selection:
     subjects: tuple[str, ...]
     groups: tuple[Group, ...]
     remarks: tuple[str, ...]
+
+    def table(
+        self, name: str, title: str, columns: Iterable[Column], rows: Iterable[Row], **more: Any
+    ) -> Table:
+        """A table of these records; ``more`` are other attributes of ``Table``."""
+        given = {"dataset": self.dataset, "recipe": self.recipe, "protocol": self.protocol, **more}
+        return Table(name=name, title=title, columns=tuple(columns), rows=tuple(rows), **given)
+
+    def shown(self, has: Callable[[Record], object]) -> tuple[Group, ...]:
+        """The methods whose records all have something."""
+        return tuple(group for group in self.groups if all(map(has, group.ok)))
+
+    def absence(self, shown: Sequence[Group], has: Callable[[Record], object], what: str) -> str:
+        """Which methods are not shown, with how many of their records lack something.
+
+        Args:
+            shown: The others.
+            has: Whether a record has it.
+            what: What is lacking and why, before the methods' titles.
+        """
+        names = [
+            f"{group.title} ({sum(not has(record) for record in group.ok)} of {len(group.ok)} "
+            "records)"
+            for group in self.groups
+            if group not in shown
+        ]
+        return f"Without {what}: {'; '.join(names)}" if names else ""
 
 
 def select(

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean
-from typing import Literal
+from typing import Literal, TypeVar
 
 from harness.core.privileges import Privilege
 from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock
+
+T = TypeVar("T")
 
 #: What a cell without a number shows.
 DASH = "–"
@@ -266,3 +268,24 @@ def mean_cell(values: Sequence[float], interval: Interval | None = None) -> Cell
 def subject_cell(values: Mapping[str, float], interval: Interval | None = None) -> Cell:
     """``mean_cell`` of values by subject, in a table that says which row is the best."""
     return replace(mean_cell(list(values.values()), interval), by_subject=values)
+
+
+def cells_of(
+    readers: Mapping[str, Callable[[T], float | None]],
+    by_subject: Mapping[str, T],
+    interval: Interval | None,
+) -> dict[str, Cell]:
+    """A cell for each column that some subjects have a number of.
+
+    Args:
+        readers: What reads a subject's number, or None where it has none, by column id.
+        by_subject: What is read, such as a record.
+        interval: Makes a confidence interval of the mean.
+    """
+    cells: dict[str, Cell] = {}
+    for column, read in readers.items():
+        found = {subject: read(each) for subject, each in by_subject.items()}
+        values = {subject: value for subject, value in found.items() if value is not None}
+        if values:
+            cells[column] = subject_cell(values, interval)
+    return cells
