@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from harness.core.arrays import Floats
@@ -17,7 +17,7 @@ from harness.core.files.hashing import file_sha256
 from harness.core.privileges import Privilege
 from harness.core.process.shared_work import Work
 from harness.core.protocols import Context, MethodInfo, Part
-from harness.core.settings import by_room, overridden
+from harness.core.settings import configured
 from methods.body.fit.jmbo import NormalsOf
 from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
@@ -90,8 +90,7 @@ class BodyFit:
 
     def configured(self, parameters: Mapping[str, str]) -> BodyFit:
         """The method with other settings, given as text by ``body.setting``."""
-        own = by_room(parameters, {"body": [field.name for field in fields(FitSettings)]})
-        return self.with_settings(overridden(self.settings, own["body"]))
+        return self.with_settings(configured({"body": self.settings}, parameters)["body"])
 
     def with_settings(self, settings: FitSettings) -> BodyFit:
         """The method with other settings."""

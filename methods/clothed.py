@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -21,14 +21,13 @@ from harness.core.files.atomic import atomic_path
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Part
-from harness.core.settings import by_room, check_choice, overridden
+from harness.core.settings import check_choice, configured
 from harness.geometry.images import save_png
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import concatenated
 from methods.body.result import BodyFitResult
-from methods.body.settings import FitSettings
 from methods.body_fit import BodyFit
 from methods.closed.envelope import cut_to_outlines
 from methods.closed.outlines import signed_outline
@@ -221,12 +220,10 @@ class ClothedMethod:
 
     def configured(self, parameters: Mapping[str, str]) -> ClothedMethod:
         """The method with other settings, given as text by ``room.setting``."""
-        rooms = {"body": FitSettings, "surface": ClothedSettings}
-        names = {room: [field.name for field in fields(kind)] for room, kind in rooms.items()}
-        own = by_room(parameters, names)
-        settings = overridden(self.settings, own["surface"])
-        fit = self._fit.with_settings(overridden(self._fit.settings, own["body"]))
-        return ClothedMethod(self._names, fit, self._plan, settings, self._published)
+        rooms = {"body": self._fit.settings, "surface": self.settings}
+        chosen = configured(rooms, parameters)
+        fit = self._fit.with_settings(chosen["body"])
+        return ClothedMethod(self._names, fit, self._plan, chosen["surface"], self._published)
 
     def require_installed(self) -> None:
         """Nothing, if the body model is there; errors as ``BodyFit.require_installed``."""

@@ -12,7 +12,7 @@ Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import by_room, check_range, overridden
+from harness.core.settings import check_range, configured
 from harness.geometry.hull import hull_distance
 from harness.geometry.isosurface import isosurface
 from harness.geometry.outline import Outline
@@ -71,8 +71,7 @@ class VisualHull:
 
     def configured(self, parameters: Mapping[str, str]) -> VisualHull:
         """The method with other settings, given as text by ``hull.setting``."""
-        own = by_room(parameters, {_ROOM: [field.name for field in fields(HullSettings)]})
-        settings = overridden(self.settings, own[_ROOM])
+        settings = configured({_ROOM: self.settings}, parameters)[_ROOM]
         return VisualHull(replace(self.info, parameters={_ROOM: asdict(settings)}), settings)
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:

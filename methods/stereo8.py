@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import HarnessError
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import by_room, check_choice, overridden
+from harness.core.settings import check_choice, configured, rooms_of
 from methods.body.result import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
@@ -104,10 +104,7 @@ class Stereo8:
 
     def configured(self, parameters: Mapping[str, str]) -> Stereo8:
         """The method with other settings, given as text by ``room.setting``."""
-        rooms = {each.name: getattr(self._rooms, each.name) for each in fields(_Rooms)}
-        names = {name: [each.name for each in fields(room)] for name, room in rooms.items()}
-        own = by_room(parameters, names)
-        return Stereo8(_Rooms(**{name: overridden(rooms[name], own[name]) for name in rooms}))
+        return Stereo8(_Rooms(**configured(rooms_of(self._rooms), parameters)))
 
     def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
         """The clothed mesh and the body within it, world metres.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 from harness.core.cameras.camera import Camera
@@ -74,6 +74,25 @@ def by_room(
         room, _, name = path.partition(".")
         found[room][name] = text
     return found
+
+
+def configured(rooms: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
+    """The settings of each room, with what a user typed.
+
+    Args:
+        rooms: Dataclasses of numbers and switches, by room.
+        texts: Values by ``room.setting``.
+
+    Raises:
+        HarnessError: as ``by_room`` and ``overridden``.
+    """
+    own = by_room(texts, {room: [each.name for each in fields(rooms[room])] for room in rooms})
+    return {room: overridden(settings, own[room]) for room, settings in rooms.items()}
+
+
+def rooms_of(settings: DataclassInstance) -> dict[str, Any]:
+    """The rooms of a dataclass of rooms, by name."""
+    return {each.name: getattr(settings, each.name) for each in fields(settings)}
 
 
 def check_choice(name: str, value: str, known: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.protocols import Context, MethodInfo, even_places
-from harness.core.settings import by_room, overridden
+from harness.core.settings import configured, rooms_of
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.body.models.choice import forget_body_models
@@ -126,11 +126,7 @@ class FusedMethod:
         texts = {
             "nview.body" if name == "body" else name: text for name, text in parameters.items()
         }
-        rooms = {each.name: getattr(self._rooms, each.name) for each in fields(FusedRooms)}
-        names = {name: [each.name for each in fields(room)] for name, room in rooms.items()}
-        own = by_room(texts, names)
-        chosen = {name: overridden(room, own[name]) for name, room in rooms.items()}
-        return FusedMethod(self._names, FusedRooms(**chosen))
+        return FusedMethod(self._names, FusedRooms(**configured(rooms_of(self._rooms), texts)))
 
     def require_installed(self) -> None:
         """Nothing, if the body model is there; errors as ``BodyFit.require_installed``."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import Context, MethodInfo
-from harness.core.settings import by_room, overridden
+from harness.core.settings import configured, rooms_of
 from harness.geometry.photo import Photo, open_photo
 from methods.points.alignment import camera_similarity
 from methods.points.filtering import Kept, WorldDepth, kept_points
@@ -99,17 +99,13 @@ class PointsMethod:
         )
 
     def _all_rooms(self) -> dict[str, DataclassInstance]:
-        shared = {each.name: getattr(self._rooms, each.name) for each in fields(PointsRooms)}
-        return {**self._source.rooms, **shared}
+        return {**self._source.rooms, **rooms_of(self._rooms)}
 
     def configured(self, parameters: Mapping[str, str]) -> PointsMethod:
         """The method with other settings, given as text by ``room.setting``."""
-        rooms = self._all_rooms()
-        names = {name: [each.name for each in fields(room)] for name, room in rooms.items()}
-        own = by_room(parameters, names)
-        changed = {name: overridden(room, own[name]) for name, room in rooms.items()}
+        changed = configured(self._all_rooms(), parameters)
         source = self._source.with_rooms({name: changed[name] for name in self._source.rooms})
-        shared = overridden_rooms(self._rooms, own)
+        shared = PointsRooms(**{name: changed[name] for name in rooms_of(self._rooms)})
         return PointsMethod(self._name, self._views, source, shared, self._published)
 
     def require_installed(self) -> None:
@@ -165,15 +161,6 @@ class PointsMethod:
             **surfaces.details(),
         }
         return Reconstruction(mesh=surfaces.chosen, details=details)
-
-
-def overridden_rooms(rooms: PointsRooms, texts: Mapping[str, Mapping[str, str]]) -> PointsRooms:
-    """The shared settings with what a user typed, by room."""
-    return PointsRooms(
-        align=overridden(rooms.align, texts["align"]),
-        keep=overridden(rooms.keep, texts["keep"]),
-        mesh=overridden(rooms.mesh, texts["mesh"]),
-    )
 
 
 def _aligned(estimate: Estimate, photos: Sequence[Photo], mode: str) -> _Aligned:
