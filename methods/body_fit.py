@@ -14,6 +14,7 @@ from typing import Any
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.files.hashing import file_sha256
+from harness.core.formats.typed_json import to_json
 from harness.core.privileges import Privilege
 from harness.core.process.shared_work import Work
 from harness.core.protocols import Context, MethodInfo, Part
@@ -140,7 +141,7 @@ class BodyFit:
             "cameras": [capture.cameras[view].to_dict() for view in wanted],
             "views": wanted,
             "settings": self.settings.in_use(len(self.views)),
-            "parts": [part.to_dict() for part in _parts(self.settings)],
+            "parts": to_json(_parts(self.settings)),
             "centre": None if centre is None else [float(value) for value in centre],
             "seed": context.seed if self.settings.draws(len(wanted)) else None,
         }

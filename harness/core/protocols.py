@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import MethodError
+from harness.core.formats.typed_json import to_json
 from harness.core.privileges import Privilege
 from harness.core.process.shared_work import Sharing, alone
 
@@ -40,15 +41,6 @@ class Part:
     licence: str
     sha256: str = ""
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return {
-            "role": self.role,
-            "name": self.name,
-            "licence": self.licence,
-            "sha256": self.sha256,
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
@@ -65,15 +57,6 @@ class Deviation:
     published: str
     here: str
     why: str
-
-    def to_dict(self) -> dict[str, str]:
-        """Plain JSON values."""
-        return {
-            "what": self.what,
-            "published": self.published,
-            "here": self.here,
-            "why": self.why,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +116,8 @@ class MethodInfo:
         return {
             "name": self.name,
             "views": None if self.views is None else list(self.views),
-            "parts": [part.to_dict() for part in self.parts],
-            "privileges": [privilege.value for privilege in self.privileges],
+            "parts": to_json(self.parts),
+            "privileges": to_json(self.privileges),
             "parameters": {room: dict(own) for room, own in self.parameters.items()},
         }
 
@@ -143,7 +126,7 @@ class MethodInfo:
         return {
             **self.identity(),
             "title": self.title,
-            "deviations": [deviation.to_dict() for deviation in self.deviations],
+            "deviations": to_json(self.deviations),
         }
 
 

@@ -6,7 +6,6 @@ Every key of ``record.json`` is a field of a dataclass, here or in ``harness.cor
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -16,7 +15,7 @@ from typing import Any, Literal
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
-from harness.core.files.atomic import refuse_constant, write_json
+from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash
 from harness.core.files.names import NAME_RULE, is_name
 from harness.core.formats.typed_json import from_json, is_array, is_mapping, to_json
@@ -35,7 +34,7 @@ EDITED = "edited: its numbers are not those that were written"
 #: The fields with numbers, of which the digest is.
 _NUMBERS = ("metrics", "regions", "normal_maps", "diagnostics", "stages")
 #: What a record's file may hold, whoever wrote it. Tables sum and square its numbers.
-_MOST_BYTES, _MOST_DEPTH, _MOST_SHOWN = 16 * 2**20, 32, 60
+_MOST_DEPTH, _MOST_SHOWN = 32, 60
 _GREATEST_NUMBER, _GREATEST_COUNT, _MOST_VIEWS = 1e15, 2**63, 10_000
 #: Of the fields with numbers, those that may be below 0, and those that are at most 1.
 _SIGNED, _SHARE = ("signed_volume_m3", "correlation"), re.compile(r"share_.*|.*_share|precision|f")
@@ -234,16 +233,7 @@ class Record:
         Raises:
             DataError: not a record of this schema, or one of another method or subject.
         """
-        try:
-            with path.open("rb") as stream:
-                text = stream.read(_MOST_BYTES + 1).decode()
-        except FileNotFoundError as error:
-            raise DataError(f"no file at {path}") from error
-        except OSError as error:
-            raise DataError(f"could not read {path}: {error.strerror or error}") from error
-        except UnicodeDecodeError as error:
-            raise DataError(f"{path} is not valid JSON: {error}") from error
-        record = cls.from_text(text, path)
+        record = cls.from_document(read_json(path), path)
         if (record.method_name, record.subject) != (method, subject):
             raise DataError(
                 f"{path} is in the place of another record",
@@ -253,33 +243,17 @@ class Record:
         return record
 
     @classmethod
-    def from_text(cls, text: str, source: str | Path) -> Record:
-        """The record in JSON text: the only reader, which trusts nobody.
+    def from_document(cls, document: dict[str, Any], source: str | Path) -> Record:
+        """The record in JSON values, which are used up: the only reader, which trusts nobody.
 
         Args:
-            text: The text.
-            source: Where it comes from, for messages.
+            document: The values, whoever wrote them.
+            source: Where they come from, for messages.
 
         Raises:
             DataError: not a record of this schema: another structure, a name that could lead to
                 another file, a number that is none or out of range, or a text that cannot be shown.
         """
-        if len(text) > _MOST_BYTES:
-            raise DataError(
-                f"{source} is too large for a record", expected=f"at most {_MOST_BYTES} bytes"
-            )
-        try:
-            document: object = json.loads(text, parse_constant=refuse_constant)
-        except (ValueError, RecursionError) as error:
-            raise DataError(f"{source} is not valid JSON: {error}") from error
-        if not is_mapping(document):
-            raise DataError(
-                f"{source} is not a record", expected="a JSON object", got=type(document).__name__
-            )
-        return cls._from_document(dict(document), source)
-
-    @classmethod
-    def _from_document(cls, document: dict[str, Any], source: str | Path) -> Record:
         schema = document.pop("schema", None)
         for fault in _faults(document, is_strict=schema == RECORD_SCHEMA):
             raise DataError(f"{source} is not a record", got=fault)

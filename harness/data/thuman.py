@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import DataError
+from harness.core.files.reach import inside
 
 #: Below the root: THuman 2.1 as its users quote it, THuman 2.0, and a copy one level down.
 _SCAN_PLACES = ("model/{id}/{id}.obj", "{id}/{id}.obj", "*/model/{id}/{id}.obj", "*/{id}/{id}.obj")
@@ -49,7 +50,7 @@ def find_subject(root: Path, subject: str) -> SubjectFiles:
     """The files of one subject below a dataset's root, in any known layout.
 
     Raises:
-        DataError: no scan; the message lists what was searched.
+        DataError: no scan, and the message lists what was searched; or a link out of the root.
     """
     mesh = _first(root, _SCAN_PLACES, subject)
     if mesh is None:
@@ -59,6 +60,7 @@ def find_subject(root: Path, subject: str) -> SubjectFiles:
             expected=searched,
             hint="'harness data check DATASET' shows the whole expected tree",
         )
+    inside(root, mesh, root)
     beside = {name: mesh.with_name(f"{name}.npz") for name in ("body", "labels")}
     return SubjectFiles(
         mesh=mesh,

@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 from harness.core.errors import DataError
+from harness.core.plain_text import is_plain
 
 #: The line of every key, by its path of keys.
 Lines = dict[tuple[str, ...], int]
@@ -71,6 +72,8 @@ def _check_events(path: Path, text: str) -> None:
                 f"{path}, line {line}: a value of {len(event.value)} letters",
                 expected=f"at most {_MOST_LETTERS}",
             )
+        if isinstance(event, yaml.ScalarEvent) and not is_plain(event.value):
+            raise DataError(f"{path}, line {line}: a value with signs that cannot be shown")
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
         elif isinstance(event, yaml.CollectionEndEvent):

@@ -14,13 +14,15 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from harness.core.errors import DataError
 from harness.core.files.reach import named_path
+from harness.core.formats.typed_json import from_json, to_json
 
+T = TypeVar("T")
 MANIFEST = "method.toml"
 #: What a command may have filled in.
 WORDS = ("python", "start", "parent", "script", "request", "answer")
@@ -71,40 +73,32 @@ def read_worker(folder: Path) -> Worker:
         DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
     """
     path = folder / MANIFEST
-    entries = read_entries(path)
-    known = {each.name for each in fields(Worker)} - {"folder"}
-    needed = known - {"command"}
-    if set(entries) - known or needed - set(entries):
-        raise DataError(
-            f"{path} is not a description of a worker",
-            expected=", ".join(sorted(known)),
-            got=", ".join(sorted(entries)) or "nothing",
-        )
-    worker = Worker(
-        name=text_of(path, "name", entries["name"]),
-        folder=folder,
-        script=text_of(path, "script", entries["script"]),
-        modules=texts_of(path, "modules", entries["modules"]),
-        install=text_of(path, "install", entries["install"]),
-        licence=text_of(path, "licence", entries["licence"]),
-        command=texts_of(path, "command", entries.get("command", list(_COMMAND))),
-    )
+    worker = read_described(Worker, path, "a description of a worker")
     _check_command(path, worker)
     return worker
 
 
-def read_entries(path: Path) -> dict[str, Any]:
-    """The entries of a TOML file.
+def read_described(kind: type[T], path: Path, noun: str) -> T:
+    """What a TOML file describes: a dataclass whose ``folder`` is that of the file.
 
     Raises:
-        DataError: no such file, or not TOML.
+        DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        entries = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise DataError(f"no readable file at {path}: {error.strerror or error}") from error
     except ValueError as error:
         raise DataError(f"{path} is not TOML: {error}") from error
+    if "folder" in entries:
+        raise DataError(f"{path} is not {noun}", got="an entry 'folder'")
+    left: dict[str, object] = {"folder": str(path.parent)}
+    for each in fields(kind):  # pyright: ignore[reportArgumentType]
+        if each.default is not MISSING:
+            left[each.name] = to_json(each.default)
+        elif each.default_factory is not MISSING:
+            left[each.name] = to_json(each.default_factory())
+    return from_json(kind, {**left, **entries}, path, noun)
 
 
 def _check_command(path: Path, worker: Worker) -> None:
@@ -120,25 +114,3 @@ def _check_command(path: Path, worker: Worker) -> None:
     for needed in ("{request}", "{answer}"):
         if not any(needed in word for word in worker.command):
             raise DataError(f"the command in {path} does not take {needed}")
-
-
-def text_of(path: Path, name: str, value: object) -> str:
-    """The text under a name in a file.
-
-    Raises:
-        DataError: the value is none, or empty.
-    """
-    if not isinstance(value, str) or not value:
-        raise DataError(f"'{name}' in {path} is not a text", got=repr(value))
-    return value
-
-
-def texts_of(path: Path, name: str, value: object) -> tuple[str, ...]:
-    """The list of texts under a name in a file.
-
-    Raises:
-        DataError: the value is none, or empty.
-    """
-    if not isinstance(value, list) or not value:
-        raise DataError(f"'{name}' in {path} is not a list of texts", got=repr(value))
-    return tuple(text_of(path, name, each) for each in value)

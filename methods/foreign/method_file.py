@@ -17,16 +17,15 @@ A worker of a method that runs here has another form (``methods.foreign.manifest
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from harness.core.errors import DataError
 from harness.core.files.names import NAME_RULE, is_name
 from harness.core.formats.mesh_files import MESH_SUFFIXES
 from harness.core.privileges import Privilege
-from methods.foreign.manifest import MANIFEST, read_entries, text_of, texts_of
+from methods.foreign.manifest import MANIFEST, read_described
 
 METHOD_FILE = MANIFEST
 Value = bool | int | float | str
@@ -112,44 +111,29 @@ def read_method(path: Path) -> MethodFile:
     path = path / METHOD_FILE if path.is_dir() else path
     if path.name != METHOD_FILE:
         raise DataError(f"{path} does not describe a method", expected=f"a file {METHOD_FILE}")
-    entries = read_entries(path)
-    known = [each.name for each in fields(MethodFile) if each.name != "folder"]
-    needed = ("name", "title", "licence", "command")
-    unknown = [name for name in entries if name not in known]
-    missing = [name for name in needed if name not in entries]
-    if unknown or missing:
-        raise DataError(
-            f"{path} does not describe a method",
-            expected=f"{', '.join(needed)}; optional: "
-            f"{', '.join(name for name in known if name not in needed)}",
-            got=_said(unknown, missing),
-        )
-    read = {name: _READERS[name](path, name, value) for name, value in entries.items()}
-    method = MethodFile(folder=path.parent.resolve(), **read)
-    _check(path, method)
-    return method
-
-
-def _said(unknown: list[str], missing: list[str]) -> str:
-    found = [f"no {name}" for name in missing] + [f"an unknown '{name}'" for name in unknown]
-    return ", ".join(found)
-
-
-def _check(path: Path, method: MethodFile) -> None:
-    problem = _problem(method)
-    if problem:
+    place = path.parent.resolve() / path.name
+    method = read_described(MethodFile, place, "a description of a method")
+    if problem := _problem(method):
         raise DataError(f"{path} does not describe a method that can run: {problem}")
+    return method
 
 
 def _problem(method: MethodFile) -> str:
     """What is wrong with entries that are each of the right type; empty where nothing is."""
     places = [bool(method.python), bool(method.conda), bool(method.image)]
+    shown = {"title": method.title, "licence": method.licence, "version": method.version or "-"}
+    unshown = [name for name, text in shown.items() if not text or not text.isprintable()]
+    rooms = {name for room, own in method.settings.items() for name in (room, *own)}
     lent = [each.value for each in method.privileges if each in _NOT_LENT]
     settings = [f"{room}.{name}" for room, own in method.settings.items() for name in own]
     words = [word for text in method.command for word in _BRACES.findall(text)]
     unknown = [word for word in words if word not in (*_WORDS, *settings)]
     left = [word for word in _NEEDED if word not in words]
     problems = {
+        f"{', '.join(unshown)} must be a line of text": bool(unshown),
+        "settings must be named in small letters, such as voxel_m below [settings.carve]": any(
+            not _ROOM.fullmatch(name) for name in rooms
+        ),
         f"'{method.name}' cannot be a name ({NAME_RULE})": not is_name(method.name),
         "give one of python, conda and image": sum(places) > 1,
         f"a foreign process cannot be given {', '.join(lent)}": bool(lent),
@@ -175,81 +159,8 @@ def _problem(method: MethodFile) -> str:
         and not _CONDA.fullmatch(method.conda),
         f"{method.image!r} cannot be the name of a container image": bool(method.image)
         and not _IMAGE.fullmatch(method.image),
-        f"the command must begin with a program, not with {method.command[0]!r}": (
-            not _PROGRAM.fullmatch(method.command[0])
+        f"the command must begin with a program, not with {''.join(method.command[:1])!r}": (
+            not _PROGRAM.fullmatch("".join(method.command[:1]))
         ),
     }
     return "; ".join(text for text, is_so in problems.items() if is_so)
-
-
-def _number(path: Path, name: str, value: object) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise DataError(f"'{name}' in {path} is not a whole number", got=repr(value))
-    return value
-
-
-def _numbers(path: Path, name: str, value: object) -> tuple[int, ...]:
-    if not isinstance(value, list):
-        raise DataError(f"'{name}' in {path} is not a list of whole numbers", got=repr(value))
-    return tuple(_number(path, name, each) for each in value)
-
-
-def _switch(path: Path, name: str, value: object) -> bool:
-    if not isinstance(value, bool):
-        raise DataError(f"'{name}' in {path} is neither true nor false", got=repr(value))
-    return value
-
-
-def _privileges(path: Path, name: str, value: object) -> tuple[Privilege, ...]:
-    texts = texts_of(path, name, value) if value != [] else ()
-    known = [each.value for each in Privilege]
-    for text in texts:
-        if text not in known:
-            raise DataError(
-                f"'{name}' in {path} has an unknown one", expected=", ".join(known), got=text
-            )
-    return tuple(Privilege(text) for text in texts)
-
-
-def _settings(path: Path, name: str, value: object) -> dict[str, dict[str, Value]]:
-    found: dict[str, dict[str, Value]] = {}
-    rooms = value if isinstance(value, dict) else {name: value}
-    for room, own in rooms.items():
-        values = own if isinstance(own, dict) else {"": None}
-        for setting, each in values.items():
-            named = _ROOM.fullmatch(room) and _ROOM.fullmatch(setting)
-            if not named or not isinstance(each, bool | int | float | str):
-                raise DataError(
-                    f"'{name}' in {path} are not settings by room",
-                    expected="a table such as [settings.carve] with voxel_m = 0.02",
-                    got=f"{room}: {own!r}",
-                )
-            found.setdefault(room, {})[setting] = each
-    return found
-
-
-def _shown(path: Path, name: str, value: object) -> str:
-    """A text that people are shown."""
-    text = text_of(path, name, value)
-    if not text.isprintable():
-        raise DataError(f"'{name}' in {path} has signs that cannot be printed", got=repr(text))
-    return text
-
-
-_READERS: Mapping[str, Callable[[Path, str, object], Any]] = {
-    "name": _shown,
-    "title": _shown,
-    "licence": _shown,
-    "command": texts_of,
-    "version": _shown,
-    "python": text_of,
-    "conda": text_of,
-    "image": text_of,
-    "views": _numbers,
-    "view_count": _number,
-    "privileges": _privileges,
-    "deterministic": _switch,
-    "mesh": text_of,
-    "up": text_of,
-    "settings": _settings,
-}

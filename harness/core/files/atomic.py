@@ -19,7 +19,7 @@ from typing import Any, TypeGuard
 from harness.core.errors import DataError, WriteError
 from harness.core.process.interrupts import require_not_stopped
 
-_LOCK_POLL_S = 0.05
+_LOCK_POLL_S, _MOST_BYTES = 0.05, 64 * 2**20
 #: Where files that are open already have names, such as what a shell sends the output to.
 _OPEN_FILES = ("/dev/std", "/dev/fd/", "/proc/")
 #: How old a temporary folder must be where nobody can say whether its writer lives.
@@ -216,20 +216,38 @@ def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file.
 
     Raises:
-        DataError: no such file, not JSON (with line and column), NaN or infinity, or not an object.
+        DataError: no such file, one of more than 64 MiB, or as ``parsed_json``.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        value: object = json.loads(text, parse_constant=refuse_constant)
+        with path.open("rb") as stream:
+            content = stream.read(_MOST_BYTES + 1)
     except FileNotFoundError as error:
         raise DataError(f"no file at {path}") from error
     except OSError as error:
         raise DataError(f"could not read {path}: {error.strerror or error}") from error
+    if len(content) > _MOST_BYTES:
+        raise DataError(f"{path} is too large", expected=f"at most {_MOST_BYTES} bytes")
+    return parsed_json(content, path)
+
+
+def parsed_json(content: str | bytes, source: str | Path) -> dict[str, Any]:
+    """The object in JSON text, or in its bytes in UTF-8.
+
+    Args:
+        content: The text.
+        source: Where it comes from, for messages.
+
+    Raises:
+        DataError: not JSON (with line and column), NaN or infinity, or not an object.
+    """
+    try:
+        text = content if isinstance(content, str) else content.decode("utf-8-sig")
+        value: object = json.loads(text, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{path} is not valid JSON: {error}") from error
+        raise DataError(f"{source} is not valid JSON: {error}") from error
     if not _is_object(value):
         raise DataError(
-            f"{path} is not a JSON object", expected="{ ... }", got=type(value).__name__
+            f"{source} is not a JSON object", expected="{ ... }", got=type(value).__name__
         )
     return value
 

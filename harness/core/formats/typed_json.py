@@ -158,6 +158,8 @@ def _read_plain(kind: Any, value: Any, place: str) -> Any:
         if isinstance(value, float | int) and not isinstance(value, bool):
             return value
         raise _Unfit(place, "a number", type(value).__name__)
+    if issubclass(kind, PurePath) and isinstance(value, str):
+        return kind(value)
     if type(value) is not kind:
         raise _Unfit(place, _NAMES.get(kind, str(kind)), type(value).__name__)
     return value

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.atomic import write_text
+from harness.core.files.atomic import parsed_json, write_text
 from harness.core.records import Record
 
 _REMAKE = "Write it with 'harness results records FILE --run NAME'"
@@ -60,7 +60,8 @@ def read_record_file(path: Path) -> list[Record]:
         raise DataError(f"{path} has no records", hint=_REMAKE)
     records: dict[tuple[str, str], Record] = {}
     for number, line in enumerate(lines, 1):
-        record = Record.from_text(line, f"line {number} of {path}")
+        source = f"line {number} of {path}"
+        record = Record.from_document(parsed_json(line, source), source)
         cell = (record.method_name, record.subject)
         if cell in records:
             raise DataError(

@@ -114,6 +114,7 @@ ALIASES = "\n".join(
     ("content", "sentence"),
     [
         (ALIASES, r"line 2: '\*a0' is an alias"),
+        (r'title: "\e[2J gone"', "line 1: a value with signs that cannot be shown"),
         ("[" * 30 + "]" * 30, "nested more than 20 deep"),
         ("{a: " * 3000 + "}" * 3000, "nested more than 20 deep"),
         (f"schema: {'9' * 4000}", "schema: "),

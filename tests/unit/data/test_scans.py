@@ -170,3 +170,14 @@ def test_in_its_own_units_the_facing_only_says_where_the_front_is(tmp_path):
     # A rule that turns the scan leaves nothing to tell.
     turned_scan, _ = load_scan("t", dataset(scale="height=1.7", facing="fit"), tmp_path, "0001")
     assert turned_scan.front_yaw_deg == 0.0
+
+
+def test_a_link_out_of_the_root_is_no_scan(tmp_path):
+    (tmp_path / "elsewhere" / "0001").mkdir(parents=True)
+    (tmp_path / "elsewhere" / "0001" / "0001.obj").write_text("v 0 0 0\n")
+    (tmp_path / "mine").symlink_to("elsewhere")
+    assert find_subject(tmp_path / "mine", "0001").mesh.is_file()
+    (tmp_path / "root").mkdir()
+    (tmp_path / "root" / "0001").symlink_to("../elsewhere/0001")
+    with pytest.raises(DataError, match="outside the folders that were given"):
+        find_subject(tmp_path / "root", "0001")

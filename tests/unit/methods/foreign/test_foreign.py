@@ -185,8 +185,10 @@ def test_a_worker_ends_with_the_process_that_asked(folder, foreign, tmp_path):
 WRONG = {
     "not TOML": "name = ",
     "description of a worker": 'name = "toy"\n',
-    "a list of texts": DESCRIPTION.replace('["json", "toy_network.model"]', '"json"'),
-    "not a text": DESCRIPTION.replace('"MIT"', "3"),
+    "an array at 'modules'; got str": DESCRIPTION.replace(
+        '["json", "toy_network.model"]', '"json"'
+    ),
+    "text at 'licence'; got int": DESCRIPTION.replace('"MIT"', "3"),
     "script that is not there": DESCRIPTION.replace("worker.py", "other.py"),
     "outside the folders": DESCRIPTION.replace("worker.py", "../../other.py"),
     "unknown words": DESCRIPTION + 'command = ["{python}", "{photos}", "{request}", "{answer}"]\n',

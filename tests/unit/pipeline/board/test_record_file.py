@@ -37,7 +37,7 @@ def test_the_file_does_not_depend_on_the_order_of_records(tmp_path: Path) -> Non
         ("", "has no records"),
         ("{\n", "line 1 of .* is not valid JSON"),
         ("[" * 100_000 + "\n", "line 1 of .* is not valid JSON"),
-        ("[]\n", "line 1 of .* is not a record"),
+        ("[]\n", "line 1 of .* is not a JSON object"),
         ('{"schema": 1000}\n', "line 1 of .* is not a record of this version"),
     ],
 )
