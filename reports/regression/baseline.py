@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError
@@ -63,12 +63,15 @@ class Entry:
     """One cell of the baseline.
 
     Attributes:
+        method, subject: Which cell.
         key: The record's key.
         status: The record's status; numbers exist only when ``ok``.
         metrics: By metric id.
         inputs: What the key is made of, and the packages that ran, as flat texts.
     """
 
+    method: str
+    subject: str
     key: str
     status: str
     metrics: Mapping[str, Value]
@@ -78,6 +81,8 @@ class Entry:
     def of(cls, record: Record) -> Entry:
         """What a baseline keeps of a record."""
         return cls(
+            record.method_name,
+            record.subject,
             key=record.key,
             status=record.status,
             metrics=numbers_of(record),
@@ -93,16 +98,21 @@ class Baseline:
         dataset, recipe: What the numbers were made of.
         protocol: All settings of the metric protocol and their sha.
         tolerances: By metric, or by ``method/metric`` where a method has its own.
-        entries: By method and subject.
         new_methods: Methods that have no numbers here on purpose, with the reason.
+        cells: By method and subject.
     """
 
     dataset: str
     recipe: str
     protocol: Mapping[str, object]
     tolerances: Mapping[str, Tolerance]
-    entries: Mapping[Cell, Entry] = field(default_factory=dict)
     new_methods: Mapping[str, str] = field(default_factory=dict[str, str])
+    cells: tuple[Entry, ...] = ()
+
+    @property
+    def entries(self) -> dict[Cell, Entry]:
+        """The cells by method and subject."""
+        return {(each.method, each.subject): each for each in self.cells}
 
     def tolerance(self, method: str, metric: str) -> Tolerance:
         """How far a method's number may be from its baseline.
@@ -117,18 +127,12 @@ class Baseline:
 
     def save(self, path: Path) -> None:
         """Write the baseline atomically, in an order that makes a readable diff."""
-        document = _Document(
-            dataset=self.dataset,
-            recipe=self.recipe,
-            protocol=self.protocol,
-            tolerances={name: self.tolerances[name] for name in sorted(self.tolerances)},
-            new_methods=self.new_methods,
-            cells=tuple(
-                _StoredCell(method, subject, entry.key, entry.status, entry.metrics, entry.inputs)
-                for (method, subject), entry in sorted(self.entries.items())
-            ),
+        ordered = replace(
+            self,
+            tolerances=dict(sorted(self.tolerances.items())),
+            cells=tuple(entry for _, entry in sorted(self.entries.items())),
         )
-        write_json(path, {"schema": BASELINE_SCHEMA, **to_json(document)})
+        write_json(path, {"schema": BASELINE_SCHEMA, **to_json(ordered)})
 
     @classmethod
     def load(cls, path: Path) -> Baseline:
@@ -149,42 +153,7 @@ class Baseline:
             )
         del document["schema"]
         # A baseline that lists no new methods need not say so.
-        stored = from_json(_Document, {"new_methods": {}, **document}, path, "a baseline")
-        return cls(
-            dataset=stored.dataset,
-            recipe=stored.recipe,
-            protocol=stored.protocol,
-            tolerances=stored.tolerances,
-            entries={
-                (cell.method, cell.subject): Entry(cell.key, cell.status, cell.metrics, cell.inputs)
-                for cell in stored.cells
-            },
-            new_methods=stored.new_methods,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _StoredCell:
-    """An entry as the file has it, with the method and subject that it is of."""
-
-    method: str
-    subject: str
-    key: str
-    status: str
-    metrics: Mapping[str, Value]
-    inputs: Mapping[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class _Document:
-    """The file's content, in its order."""
-
-    dataset: str
-    recipe: str
-    protocol: Mapping[str, object]
-    tolerances: Mapping[str, Tolerance]
-    new_methods: Mapping[str, str]
-    cells: tuple[_StoredCell, ...]
+        return from_json(cls, {"new_methods": {}, **document}, path, "a baseline")
 
 
 def numbers_of(record: Record) -> dict[str, Value]:
@@ -226,7 +195,7 @@ def update(records: Sequence[Record], previous: Baseline | None = None) -> Basel
         protocol=protocol,
         tolerances=tolerances,
         new_methods=dict(previous.new_methods) if previous else {},
-        entries={(record.method_name, record.subject): Entry.of(record) for record in records},
+        cells=tuple(map(Entry.of, records)),
     )
 
 

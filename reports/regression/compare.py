@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from harness.core.errors import ProtocolMismatch
 from harness.core.records import Record
@@ -89,15 +89,6 @@ class Comparison:
         return not (self.moved or self.missing or self.unlisted)
 
 
-@dataclass(slots=True)
-class _Findings:
-    moved: list[Moved] = field(default_factory=list)
-    missing: list[Missing] = field(default_factory=list)
-    new: list[tuple[str, str, str]] = field(default_factory=list)
-    changed: list[Changed] = field(default_factory=list)
-    unchanged: int = 0
-
-
 def compare(records: Sequence[Record], baseline: Baseline, *, every: bool = True) -> Comparison:
     """Each number of the records against the baseline's.
 
@@ -121,26 +112,27 @@ def compare(records: Sequence[Record], baseline: Baseline, *, every: bool = True
     present = {(record.method_name, record.subject): record for record in records}
     guarded = {method for method, _ in baseline.entries}
     checked = guarded if every else guarded & {record.method_name for record in records}
-    findings = _Findings()
-    for cell, entry in sorted(baseline.entries.items()):
-        if cell[0] in checked:
-            _compare_cell(cell, entry, present.get(cell), baseline, findings)
-    for (method, subject), record in sorted(present.items()):
-        known = baseline.entries.get((method, subject))
-        findings.new += [
-            (method, subject, metric)
-            for metric in numbers_of(record)
-            if known is None or metric not in known.metrics
-        ]
+    entries = baseline.entries
+    found = [
+        finding
+        for cell, entry in sorted(entries.items())
+        if cell[0] in checked
+        for finding in _compared(entry, present.get(cell), baseline)
+    ]
     return Comparison(
         unlisted=_unlisted(records, baseline),
         checked=tuple(sorted(checked)),
         unchecked=tuple(sorted(guarded - checked)),
-        moved=tuple(findings.moved),
-        missing=tuple(findings.missing),
-        new=tuple(findings.new),
-        unchanged=findings.unchanged,
-        changed=tuple(findings.changed),
+        moved=tuple(each for each in found if isinstance(each, Moved)),
+        missing=tuple(each for each in found if isinstance(each, Missing)),
+        new=tuple(
+            (*cell, metric)
+            for cell, record in sorted(present.items())
+            for metric in numbers_of(record)
+            if cell not in entries or metric not in entries[cell].metrics
+        ),
+        unchanged=found.count(None),
+        changed=tuple(each for each in found if isinstance(each, Changed)),
     )
 
 
@@ -192,30 +184,33 @@ def check_settings(records: Sequence[Record], baseline: Baseline, of: str = "the
             )
 
 
-def _compare_cell(
-    cell: tuple[str, str],
-    entry: Entry,
-    record: Record | None,
-    baseline: Baseline,
-    findings: _Findings,
-) -> None:
+def _compared(
+    entry: Entry, record: Record | None, baseline: Baseline
+) -> Iterator[Moved | Missing | Changed | None]:
+    """What became of a cell and of each of its numbers; None for one that did not move."""
+    cell = entry.method, entry.subject
     if record is None or (entry.metrics and record.status != "ok"):
-        findings.missing.append(Missing(*cell, "all", _absence(record)))
+        yield Missing(*cell, "all", _absence(record))
         return
-    findings.changed += _changes(cell, entry, record)
-    numbers = numbers_of(record)
+    now, numbers = inputs_of(record), numbers_of(record)
+    inputs = {
+        name: (entry.inputs.get(name, "none"), now.get(name, "none"))
+        for name in sorted({*entry.inputs, *now})
+        if entry.inputs.get(name) != now.get(name)
+    }
+    if inputs or entry.key != record.key:
+        yield Changed(*cell, entry.key, record.key, inputs)
     for metric, before in entry.metrics.items():
         if metric not in numbers:
-            findings.missing.append(Missing(*cell, metric, "no longer measured"))
+            yield Missing(*cell, metric, "no longer measured")
             continue
         after, tolerance = numbers[metric], baseline.tolerance(record.method_name, metric)
         _check_units(metric, before, after, tolerance)
         allowed = tolerance.allowed(before.value)
         if abs(after.value - before.value) <= allowed:  # false for NaN, which thus counts as moved
-            findings.unchanged += 1
+            yield None
         else:
-            values = (before.value, after.value, allowed)
-            findings.moved.append(Moved(*cell, metric, before.unit, *values))
+            yield Moved(*cell, metric, before.unit, before.value, after.value, allowed)
 
 
 def _absence(record: Record | None) -> str:
@@ -234,48 +229,19 @@ def _check_units(metric: str, before: Value, after: Value, tolerance: Tolerance)
         )
 
 
-def _changes(cell: tuple[str, str], entry: Entry, record: Record) -> list[Changed]:
-    now = inputs_of(record)
-    inputs = {
-        name: (entry.inputs.get(name, "none"), now.get(name, "none"))
-        for name in sorted({*entry.inputs, *now})
-        if entry.inputs.get(name) != now.get(name)
-    }
-    if not inputs and entry.key == record.key:
-        return []
-    return [Changed(*cell, entry.key, record.key, inputs)]
-
-
 def to_text(comparison: Comparison) -> str:
     """The comparison for a terminal: what moved, is missing or else changed, and the verdict."""
-    blocks = [
-        _aligned(rows)
-        for rows in (
-            _moved_rows(comparison),
-            _missing_rows(comparison),
-            _unlisted_rows(comparison),
-            _changed_rows(comparison),
-        )
-        if len(rows) > 1
-    ]
+    blocks = [_aligned(rows) for rows in _tables(comparison).values()]
     return "\n\n".join([*blocks, _verdict(comparison)]) + "\n"
 
 
 def to_markdown(comparison: Comparison) -> str:
     """The comparison for the summary page of a CI job."""
-    titles = ("Moved", "Missing", "Without numbers in the baseline", "Inputs that differ")
     parts = ["## Metric regression", "", f"{_verdict(comparison)}"]
-    tables = (
-        _moved_rows(comparison),
-        _missing_rows(comparison),
-        _unlisted_rows(comparison),
-        _changed_rows(comparison),
-    )
-    for title, rows in zip(titles, tables, strict=True):
-        if len(rows) > 1:
-            grid = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-            lines = (f"| {' | '.join(cell.replace('|', '∣') for cell in row)} |" for row in grid)
-            parts += ["", f"### {title}", "", *lines]
+    for title, rows in _tables(comparison).items():
+        grid = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+        lines = (f"| {' | '.join(cell.replace('|', '∣') for cell in row)} |" for row in grid)
+        parts += ["", f"### {title}", "", *lines]
     return "\n".join(parts) + "\n"
 
 
@@ -293,33 +259,35 @@ def _verdict(comparison: Comparison) -> str:
     return f"{'passed' if comparison.passed else 'FAILED'}: {counts}\n{methods}"
 
 
-def _moved_rows(comparison: Comparison) -> list[list[str]]:
-    header = ["method", "subject", "metric", "baseline", "now", "change", "allowed", "unit"]
-    rows = [header]
-    for m in comparison.moved:
-        numbers = (f"{m.before:.3f}", f"{m.after:.3f}", f"{m.change:+.3f}", f"{m.allowed:.3f}")
-        rows.append([m.method, m.subject, m.metric, *numbers, m.unit])
-    return rows
+_GUARD = "write its numbers with --update, or name it under 'new_methods' with the reason"
 
 
-def _missing_rows(comparison: Comparison) -> list[list[str]]:
-    header = ["method", "subject", "metric", "why missing"]
-    return [header, *([m.method, m.subject, m.metric, m.reason] for m in comparison.missing)]
-
-
-def _unlisted_rows(comparison: Comparison) -> list[list[str]]:
-    hint = "write its numbers with --update, or name it under 'new_methods' with the reason"
-    return [["method", "next step"], *([method, hint] for method in comparison.unlisted)]
-
-
-def _changed_rows(comparison: Comparison) -> list[list[str]]:
-    rows = [["method", "subject", "key", "input", "baseline", "now"]]
-    for cell in comparison.changed:
-        keys = f"{cell.before[:_KEY_DIGITS]} → {cell.after[:_KEY_DIGITS]}"
-        inputs = cell.inputs or {"(key only)": ("", "")}
-        for name, (before, after) in inputs.items():
-            rows.append([cell.method, cell.subject, keys, name, _cut(before), _cut(after)])
-    return rows
+def _tables(comparison: Comparison) -> dict[str, list[list[str]]]:
+    """Rows with a header by title; none for what did not happen."""
+    moved = [
+        [m.method, m.subject, m.metric, *numbers.split(), m.unit]
+        for m in comparison.moved
+        for numbers in (f"{m.before:.3f} {m.after:.3f} {m.change:+.3f} {m.allowed:.3f}",)
+    ]
+    changed = [
+        [cell.method, cell.subject, keys, name, _cut(before), _cut(after)]
+        for cell in comparison.changed
+        for keys in (f"{cell.before[:_KEY_DIGITS]} → {cell.after[:_KEY_DIGITS]}",)
+        for name, (before, after) in (cell.inputs or {"(key only)": ("", "")}).items()
+    ]
+    tables = {
+        "Moved": ("method,subject,metric,baseline,now,change,allowed,unit", moved),
+        "Missing": (
+            "method,subject,metric,why missing",
+            [[m.method, m.subject, m.metric, m.reason] for m in comparison.missing],
+        ),
+        "Without numbers in the baseline": (
+            "method,next step",
+            [[method, _GUARD] for method in comparison.unlisted],
+        ),
+        "Inputs that differ": ("method,subject,key,input,baseline,now", changed),
+    }
+    return {title: [head.split(","), *rows] for title, (head, rows) in tables.items() if rows}
 
 
 def _cut(text: str) -> str:

@@ -28,11 +28,12 @@ def with_spread(baseline: Baseline, runs: Mapping[str, Sequence[Record]]) -> Bas
         HarnessError: a run without records.
         ProtocolMismatch: a run of another dataset, recipe or protocol than the baseline's.
     """
+    entries = baseline.entries
     largest: dict[str, tuple[float, str]] = {}
     for run, records in runs.items():
         check_settings(records, baseline, f"the records of run {run}")
         for record in records:
-            entry = baseline.entries.get((record.method_name, record.subject))
+            entry = entries.get((record.method_name, record.subject))
             for name, number in numbers_of(record).items():
                 if entry is None or name not in entry.metrics:
                     continue
