@@ -111,7 +111,9 @@ def _read(path: Path, use: Callable[[_Glb], list[Found]]) -> list[Found]:
     try:
         glb = _chunks(content[:length])
         _check_extensions(glb.document.get("extensionsRequired", []))
-        found = use(glb)
+        # What overflows is no number, which is refused where it shows.
+        with np.errstate(all="ignore"):
+            found = use(glb)
     except DataError as error:
         raise error.located(path) from error
     except RecursionError as error:
@@ -216,7 +218,7 @@ def _primitive(glb: _Glb, primitive: dict[str, Any], weights: Any) -> tuple[Floa
     vertices = _accessor(glb, primitive["attributes"]["POSITION"], 3).astype(np.float64)
     for target, weight in zip(primitive.get("targets", []), weights, strict=False):
         if weight and "POSITION" in target:
-            vertices = vertices + weight * _accessor(glb, target["POSITION"], 3)
+            vertices = vertices + float(weight) * _accessor(glb, target["POSITION"], 3)
         if weight and any(name.startswith(("COLOR", "TEXCOORD")) for name in target):
             raise ValueError("morph targets that change colours are not supported")
     if "indices" in primitive:
@@ -280,19 +282,29 @@ def _part(glb: _Glb, vertices: Floats, faces: Ints, primitive: dict[str, Any]) -
     if "COLOR_0" in attributes:
         given = _accessor(glb, attributes["COLOR_0"])[:, :3]
         whole = 1.0 if given.dtype.kind == "f" else np.iinfo(given.dtype).max
-        colours = np.clip(given.astype(np.float64) / whole, 0.0, 1.0)
+        colours = _checked(given / whole, (len(vertices), 3), "COLOR_0")
     if "material" not in primitive:
         return GlbPart(vertices, faces, None, colours, None, None, "OPAQUE")
     material = glb.document["materials"][primitive["material"]]
     base, kind = material.get("pbrMetallicRoughness", {}), "baseColor"
     if _SPECULAR in material.get("extensions", {}):
         base, kind = material["extensions"][_SPECULAR], "diffuse"
-    factor = np.array(base.get(f"{kind}Factor", (1, 1, 1, 1))[:3], dtype=np.float64)
+    factor = _checked(base.get(f"{kind}Factor", (1, 1, 1, 1))[:3], (3,), f"{kind}Factor")
     picture = uv = None
     if f"{kind}Texture" in base:
         picture, uv = _texture(glb, base[f"{kind}Texture"], attributes)
+        if not np.isfinite(uv).all() or len(uv) != len(vertices):
+            raise ValueError("not one finite place in the texture for each vertex")
     alpha = str(material.get("alphaMode", "OPAQUE"))
-    return GlbPart(vertices, faces, np.clip(factor, 0.0, 1.0), colours, picture, uv, alpha)
+    return GlbPart(vertices, faces, factor, colours, picture, uv, alpha)
+
+
+def _checked(colours: Any, shape: tuple[int, ...], name: str) -> Floats:
+    """Colours in linear light, from 0 to 1."""
+    values = np.array(colours, dtype=np.float64)
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ValueError(f"{name} is no colour, or not one for each vertex")
+    return np.clip(values, 0.0, 1.0)
 
 
 def _texture(glb: _Glb, info: dict[str, Any], attributes: dict[str, int]) -> tuple[bytes, Floats]:

@@ -86,9 +86,8 @@ def _pieces(part: GlbPart, path: Path) -> list[_Piece]:
             # Along borders of colours, faces run from corner to corner.
             height, width = pixels.shape[:2]
             x, y = np.moveaxis(part.uv[faces[runs]], -1, 0)
-            texels = pixels[
-                ((1 - y) * height).astype(int) % height, (x * width).astype(int) % width
-            ]
+            rows, columns = (1 - y) % 1 * height, x % 1 * width
+            texels = pixels[rows.astype(int) % height, columns.astype(int) % width]
             corners = _srgb(linear_from_srgb(texels / 255.0) * tints[runs])
             found.append((vertices, faces[runs], paint_of_corners(corners), "texture"))
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 from collections.abc import Callable
@@ -430,3 +431,42 @@ def test_textures_that_are_not_read(tmp_path: Path, texture: dict, more, message
         part_of(tmp_path, {"pbrMetallicRoughness": base}, **more)
     # Its shape is read all the same.
     assert len(read_glb(tmp_path / "mesh.glb").faces) == 4
+
+
+ODD = [None, -1, 0, 7, 1e308, float("nan"), 10**30, "x", [], {}, [[1]], [0] * 3, "VEC4", True]
+
+
+def places(value: object, way: tuple = ()) -> list[tuple]:
+    """The way to everything in a document."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value)
+    ways = [(*way, key) for key, _ in inner]
+    below = value.values() if isinstance(value, dict) else value
+    for key, each in zip([each[-1] for each in ways], below, strict=True):
+        if isinstance(each, dict | list):
+            ways += places(each, (*way, key))
+    return ways
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("odd", ODD, ids=repr)
+def test_a_document_with_an_odd_value_is_a_mesh_or_a_data_error(tmp_path: Path, odd) -> None:
+    whole = document()
+    with_target(whole, meshes=[0.5])
+    whole["nodes"][0] |= {"translation": [0, 1, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
+    attributes = whole["meshes"][0]["primitives"][0]["attributes"]
+    attributes |= {"COLOR_0": 0, "TEXCOORD_0": 3}
+    whole["meshes"][0]["primitives"][0]["material"] = 0
+    whole["accessors"].append({"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC2"})
+    base = {"baseColorFactor": [1, 1, 1, 1], "baseColorTexture": {"index": 0}}
+    whole["materials"] = [{"pbrMetallicRoughness": base}]
+    whole["textures"], whole["images"] = [{"source": 0}], [{"bufferView": 2}]
+    for way in places(whole):
+        changed = json.loads(json.dumps(whole))
+        inside = changed
+        for key in way[:-1]:
+            inside = inside[key]
+        inside[way[-1]] = odd
+        (tmp_path / "mesh.glb").write_bytes(glb(changed, BINARY + LIFT))
+        for use in (read_glb, gltf.read_glb_parts):
+            with contextlib.suppress(DataError):
+                assert use(tmp_path / "mesh.glb")
