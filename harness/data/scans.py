@@ -112,7 +112,13 @@ def load_scan(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[Sc
     # Specks beyond the person do not count for a height that is given.
     given_m = dataset.scale.removeprefix("height=")
     high_m = float(world_mesh.extent[1] if given_m == dataset.scale else given_m)
-    warnings = _height_warnings(subject, dataset, high_m)
+    warnings = height_warnings(
+        subject,
+        f"under the rule 'scale: {dataset.scale}'",
+        high_m,
+        "Its file is in other units: correct 'scale' in the manifest (fit, metres, "
+        "height=<metres>; units keeps them)",
+    )
     return replace(scan, scan_to_world=scan_to_world, warnings=warnings), world_mesh
 
 
@@ -188,14 +194,24 @@ def _placement(mesh: Mesh, scale: float, yaw: float) -> Floats:
     return transform
 
 
-def _height_warnings(subject: str, dataset: Dataset, height_m: float) -> tuple[str, ...]:
+def height_warnings(subject: str, by: str, height_m: float, hint: str) -> tuple[str, ...]:
+    """What is to be said of a subject's height.
+
+    Args:
+        subject: Its id.
+        by: What tells its height, for the message.
+        height_m: The height in metres.
+        hint: What to do if it is no person's.
+
+    Raises:
+        DataError: no person is so high.
+    """
     low, high = _POSSIBLE_HEIGHT_M
     if not low <= height_m <= high:
         raise DataError(
-            f"subject '{subject}' is {height_m:.4g} m high under the rule 'scale: {dataset.scale}'",
+            f"subject '{subject}' is {height_m:.4g} m high {by}",
             expected=f"{low} to {high} m",
-            hint="Its file is in other units: correct 'scale' in the manifest (fit, metres, "
-            "height=<metres>; units keeps them)",
+            hint=hint,
         )
     low, high = PLAUSIBLE_HEIGHT_M
     if low <= height_m <= high:

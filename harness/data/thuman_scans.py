@@ -20,7 +20,7 @@ from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
-from harness.data.scans import PLAUSIBLE_HEIGHT_M, load_scan, locate_scan
+from harness.data.scans import height_warnings, load_scan, locate_scan
 from harness.data.stature import stature
 from harness.data.thuman_trees import ThumanFiles, find_thuman
 
@@ -33,7 +33,6 @@ _BODY_VERTICES = 10475
 _LAST_UPRIGHT = 525
 #: A fit whose body leans more than this stands in a frame that is not upright.
 _LEAN_DEG = 40.0
-_POSSIBLE_HEIGHT_M = (0.3, 3.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +89,13 @@ def load_thuman(name: str, dataset: Dataset, root: Path, subject: str) -> tuple[
         ), mesh
     scan_to_world = _placement(mesh, dataset, rule, subject)
     world = mesh.transformed(scan_to_world)
-    warnings = (*_height(subject, float(world.extent[1])), *rule.warnings, *files.warnings)
+    heights = height_warnings(
+        subject,
+        "by its fit",
+        float(world.extent[1]),
+        "Its fit is of another scan, or of an early release: get the latest fits",
+    )
+    warnings = (*heights, *rule.warnings, *files.warnings)
     return replace(scan, scan_to_world=scan_to_world, warnings=warnings), world
 
 
@@ -195,17 +200,3 @@ def _placement(mesh: Mesh, dataset: Dataset, rule: _Placed, subject: str) -> Flo
     low, high = mesh.transformed(transform).bounds
     transform[:3, 3] = -0.5 * (low + high)
     return transform
-
-
-def _height(subject: str, height_m: float) -> tuple[str, ...]:
-    low, high = _POSSIBLE_HEIGHT_M
-    if not low <= height_m <= high:
-        raise DataError(
-            f"subject '{subject}' is {height_m:.4g} m high by its fit",
-            expected=f"{low} to {high} m",
-            hint="Its fit is of another scan, or of an early release: get the latest fits",
-        )
-    low, high = PLAUSIBLE_HEIGHT_M
-    if low <= height_m <= high:
-        return ()
-    return (f"height {height_m:.2f} m is outside {low} to {high} m: check the scale rule",)
