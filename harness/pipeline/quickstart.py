@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,8 +23,11 @@ from harness.pipeline.run.store import Outcome, RunStore
 _FIGURES = "figures"
 _SPLIT, _RECIPE, _PROTOCOL, _RUN = "avatars-tiny", "quick8", "mexecon", "quickstart"
 
-#: Methods of a first look, the quickest first.
-FIRST = ("hull8", "econ", "mexecon8", "mexecon+")
+#: Methods of a first look, the quickest first, and the one that is run on the first avatar alone:
+#: it takes longer than all others together.
+FIRST, _ON_ONE = ("hull8", "econ", "mexecon8", "mexecon+"), "mexecon+"
+#: The figure of a first look, of the first avatar.
+_FIRST_FIGURES = ("qualitative",)
 #: Methods in the figures and on the page: all of them side by side would be too small to see.
 _DRAWN = ("hull8", "econ", "mexecon2", "mexecon8", "mexecon+")
 _DRAWN_BODIES = ("body-front", "body-average", "jmbo8", "jmbo8+")
@@ -80,7 +83,8 @@ def quickstart(
     # Records of this request alone: the folder may hold cells of methods that are gone.
     records = list(summary.records)
     files = write_tables(records, store.directory / "tables")
-    figures, undrawn = _figures(request, records, progress)
+    drawn = request if every else replace(request, source=_first(request.source))
+    figures, undrawn = _figures(drawn, records, progress, FIGURES if every else _FIRST_FIGURES)
     wanted = PageRequest(store, store.directory / "page", surfaces=_among(_DRAWN, request))
     page: Path | None = None
     try:
@@ -95,24 +99,28 @@ def _one_by_one(request: EvalRequest, progress: Progress) -> EvalSummary:
     """Evaluate method after method, and show the table of those that are done after each."""
     outcomes: list[Outcome] = []
     for method in request.methods:
-        outcomes += evaluate(replace(request, methods=(method,)), progress).outcomes
+        source = _first(request.source) if method.name == _ON_ONE else request.source
+        own = replace(request, methods=(method,), source=source)
+        outcomes += evaluate(own, progress).outcomes
         progress.say(f"\n{_table([outcome.record for outcome in outcomes], 'geometry')}")
     return EvalSummary(tuple(outcomes))
 
 
+def _first(source: Source) -> Source:
+    return source.only(source.subjects[0])
+
+
 def _figures(
-    request: EvalRequest, records: Sequence[Record], progress: Progress
+    request: EvalRequest, records: Sequence[Record], progress: Progress, wanted: Iterable[str]
 ) -> tuple[list[Path], list[str]]:
-    """The figures of methods that were run, and why some of them could not be drawn."""
+    """Figures of methods that were run, and why some of them could not be drawn."""
     figures: list[Path] = []
     undrawn: list[str] = []
     methods = {
-        name: _among(_DRAWN_BODIES if name == "bodies" else _DRAWN, request) for name in FIGURES
+        name: _among(_DRAWN_BODIES if name == "bodies" else _DRAWN, request) for name in wanted
     }
-    progress.expect(_FIGURES, sum(map(bool, methods.values())))
+    progress.expect(_FIGURES, len(methods))
     for name, drawn in methods.items():
-        if not drawn:
-            continue
         path = request.store.directory / "tables" / f"{name}.png"
         try:
             shown = in_order(records, drawn)

@@ -67,8 +67,8 @@ class Comparison:
     Attributes:
         moved, missing: Failures.
         unlisted: Methods that the baseline neither has numbers of nor lists as new: failures, too.
-        checked: Methods whose numbers were compared.
-        unchecked: Methods of the baseline that the run was not asked to have, and does not have.
+        checked: Cells of the baseline whose numbers were compared, as (method, subject).
+        unchecked: Cells that the run was not asked to have, and does not have.
         new: Numbers that the baseline does not have, as (method, subject, metric).
         unchanged: How many numbers are within their tolerance.
         changed: Cells whose inputs are not those of the baseline.
@@ -77,8 +77,8 @@ class Comparison:
     moved: tuple[Moved, ...] = ()
     missing: tuple[Missing, ...] = ()
     unlisted: tuple[str, ...] = ()
-    checked: tuple[str, ...] = ()
-    unchecked: tuple[str, ...] = ()
+    checked: tuple[tuple[str, str], ...] = ()
+    unchecked: tuple[tuple[str, str], ...] = ()
     new: tuple[tuple[str, str, str], ...] = ()
     unchanged: int = 0
     changed: tuple[Changed, ...] = ()
@@ -100,8 +100,8 @@ def compare(records: Sequence[Record], baseline: Baseline, *, every: bool = True
     Args:
         records: Of one run.
         baseline: What they are compared with.
-        every: Whether the run must have all methods of the baseline, or is compared in those that
-            it has.
+        every: Whether the run must have all cells of the baseline, or is compared in those that it
+            has.
 
     Raises:
         HarnessError: no records.
@@ -110,19 +110,17 @@ def compare(records: Sequence[Record], baseline: Baseline, *, every: bool = True
     """
     check_settings(records, baseline)
     present = {(record.method_name, record.subject): record for record in records}
-    guarded = {method for method, _ in baseline.entries}
-    checked = guarded if every else guarded & {record.method_name for record in records}
     entries = baseline.entries
+    checked = sorted(cell for cell in entries if every or cell in present)
     found = [
         finding
-        for cell, entry in sorted(entries.items())
-        if cell[0] in checked
-        for finding in _compared(entry, present.get(cell), baseline)
+        for cell in checked
+        for finding in _compared(entries[cell], present.get(cell), baseline)
     ]
     return Comparison(
         unlisted=_unlisted(records, baseline),
-        checked=tuple(sorted(checked)),
-        unchecked=tuple(sorted(guarded - checked)),
+        checked=tuple(checked),
+        unchecked=tuple(sorted({*entries} - {*checked})),
         moved=tuple(each for each in found if isinstance(each, Moved)),
         missing=tuple(each for each in found if isinstance(each, Missing)),
         new=tuple(
@@ -253,10 +251,26 @@ def _verdict(comparison: Comparison) -> str:
     )
     if comparison.unlisted:
         counts = f"{counts}; no numbers in the baseline: {', '.join(comparison.unlisted)}"
-    methods = f"checked: {', '.join(comparison.checked) or 'none'}"
+    cells = f"checked: {_by_method(comparison.checked, comparison.unchecked)}"
     if comparison.unchecked:
-        methods += f"; not in the run: {', '.join(comparison.unchecked)} (--all asks for them)"
-    return f"{'passed' if comparison.passed else 'FAILED'}: {counts}\n{methods}"
+        left_out = _by_method(comparison.unchecked, comparison.checked)
+        cells += f"; not in the run: {left_out} (--all asks for them)"
+    return f"{'passed' if comparison.passed else 'FAILED'}: {counts}\n{cells}"
+
+
+def _by_method(cells: Sequence[tuple[str, str]], others: Sequence[tuple[str, str]]) -> str:
+    """Names of methods; those that have others, too, with their subjects."""
+    split = {method for method, _ in others}
+    subjects: dict[str, list[str]] = {}
+    for method, subject in cells:
+        subjects.setdefault(method, []).append(subject)
+    return (
+        ", ".join(
+            f"{method} on {' and '.join(own)}" if method in split else method
+            for method, own in subjects.items()
+        )
+        or "none"
+    )
 
 
 _GUARD = "write its numbers with --update, or name it under 'new_methods' with the reason"

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.core.records import Record
 from harness.data.manifest import load_manifest
 from harness.pipeline import quickstart as module
 from harness.pipeline.inputs.workspace import Workspace
@@ -16,9 +15,10 @@ from harness.pipeline.progress import Silent
 from harness.pipeline.run.chosen_method import ChosenMethod
 from harness.pipeline.run.evaluate import EvalSummary
 from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.run.store import Outcome
+from harness.pipeline.run.store import Outcome, RunStore
 
-RECORD = Record.load(Path(__file__).parents[2] / "golden" / "run" / "hull8" / "a01" / "record.json")
+GOLDEN = Path(__file__).parents[2] / "golden" / "run"
+RECORD = next(each for each in RunStore(GOLDEN).records() if each.method_name == "hull8")
 
 
 class Heard(Silent):
@@ -41,6 +41,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
     def evaluate(request: EvalRequest, progress: object) -> EvalSummary:
         requests.append([method.name for method in request.methods])
+        assert len(request.source.subjects) == (1 if requests[-1] == ["mexecon+"] else 2)
         return EvalSummary(tuple(map(outcome, request.methods)))
 
     def write_page(*given: object) -> Path:
@@ -48,7 +49,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
     monkeypatch.setattr(module, "evaluate", evaluate)
     monkeypatch.setattr(module, "write_page", write_page)
-    monkeypatch.setattr(module, "FIGURES", {})
+    monkeypatch.setattr(module, "FIGURES", {"qualitative": write_page})
     return requests
 
 
@@ -60,7 +61,7 @@ def test_four_methods_are_run_with_a_table_after_each(tmp_path, asked):
     assert [text.count("| Visual hull, 8 views") for text in heard.lines] == [1, 1, 1, 1]
     assert [text.count("MExECON+") for text in heard.lines] == [0, 0, 0, 1]
     assert result.summary.all_ok
-    assert result.unavailable == ("page: no meshes",)
+    assert result.unavailable == ("figure qualitative: no meshes", "page: no meshes")
 
 
 def test_all_methods_are_run_at_once(tmp_path, asked):

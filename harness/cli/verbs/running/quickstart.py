@@ -30,7 +30,8 @@ def quickstart(
     """Make two avatars, run four methods, and show the results.
 
     Each avatar is photographed from eight sides, and a page shows all results. It takes about four
-    minutes on two cores, with a table after each method; the same command continues after a stop.
+    minutes on two cores, with a table after each method; the last one, mexecon+, is run on the
+    first avatar alone. The same command continues after a stop.
     """
     with shown_progress(quiet=as_json) as progress:
         place = Workspace.default(workspace)

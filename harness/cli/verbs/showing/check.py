@@ -34,8 +34,8 @@ def check(
         bool,
         typer.Option(
             "--all",
-            help="The run must have every method of the baseline; otherwise those that it has are "
-            "compared, and the others are named.",
+            help="The run must have every method and subject of the baseline; otherwise those that "
+            "it has are compared, and the others are named.",
         ),
     ] = False,
     update: Annotated[

@@ -111,7 +111,7 @@ def test_a_missing_record_fails():
     assert "no record" in to_text(comparison)
 
 
-def test_methods_that_the_run_has_are_checked_alone_unless_all_are_asked_for():
+def test_cells_that_the_run_has_are_checked_alone_unless_all_are_asked_for():
     base, names = update(RECORDS), {record.method_name for record in RECORDS}
     others = ", ".join(sorted(names - {"hull8"}))
 
@@ -120,7 +120,10 @@ def test_methods_that_the_run_has_are_checked_alone_unless_all_are_asked_for():
     assert to_text(partly).endswith(
         f"checked: hull8; not in the run: {others} (--all asks for them)\n"
     )
-    assert not compare(HULL[:2], base, every=False).passed
+    fewer = to_text(compare(HULL[:2], base, every=False))
+    assert "checked: hull8 on a01 and a02; not in the run: " in fewer
+    assert "hull8 on a03" in fewer
+    assert not compare([with_chamfer(HULL[0], 30.0)], base, every=False).passed
     assert not compare(HULL, base).passed
 
 
