@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +18,7 @@ from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.run.store import RunStore
 from reports.regression.baseline import Baseline
 from reports.regression.baseline import update as new_baseline
-from reports.regression.compare import compare, to_markdown, to_text
+from reports.regression.compare import Comparison, compare, to_markdown, to_text
 from reports.regression.spread import with_spread
 
 app = verb_group("check")
@@ -34,13 +34,11 @@ def check(
         bool,
         typer.Option(
             "--all",
-            help="The run must have every method and subject of the baseline; otherwise those that "
-            "it has are compared, and the others are named.",
+            help="The run must have all that the baseline has; otherwise what it has is compared.",
         ),
     ] = False,
     update: Annotated[
-        bool,
-        typer.Option("--update", help="Write the run's numbers to BASELINE instead of comparing."),
+        bool, typer.Option("--update", help="Store the run's numbers instead of comparing.")
     ] = False,
     spread: Annotated[
         str,
@@ -76,22 +74,35 @@ def check(
     place = Workspace.default(workspace)
     records = RunStore.existing(place, run).records()
     if update:
-        previous = Baseline.load(baseline) if baseline.is_file() else None
-        made = new_baseline(records, previous)
         others = {name: RunStore.existing(place, name).records() for name in split_names(spread)}
-        (with_spread(made, others) if others else made).save(baseline)
+        _write(records, others, baseline)
         _show_written(records, baseline, as_json=as_json)
         return
     comparison = compare(records, Baseline.load(baseline), every=every)
     if summary is not None:
-        with summary.open("a", encoding="utf-8") as stream:
-            stream.write(to_markdown(comparison))
+        _append(to_markdown(comparison), summary)
+    _show(comparison, as_json=as_json)
+    if not comparison.passed:
+        raise typer.Exit(1)
+
+
+def _write(
+    records: Sequence[Record], others: Mapping[str, Sequence[Record]], baseline: Path
+) -> None:
+    made = new_baseline(records, Baseline.load(baseline) if baseline.is_file() else None)
+    (with_spread(made, others) if others else made).save(baseline)
+
+
+def _show(comparison: Comparison, *, as_json: bool) -> None:
     if as_json:
         print_json({"passed": comparison.passed, **asdict(comparison)})
     else:
         print(to_text(comparison), end="")
-    if not comparison.passed:
-        raise typer.Exit(1)
+
+
+def _append(text: str, path: Path) -> None:
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write(text)
 
 
 def _show_written(records: Sequence[Record], baseline: Path, *, as_json: bool) -> None:
