@@ -17,6 +17,7 @@ from rich.progress import (
 
 from harness.cli.progress_display import ProgressDisplay
 from harness.cli.progress_lines import ProgressLines
+from harness.core.plain_text import plain_text
 
 
 def shown_progress(*, quiet: bool = False) -> ProgressDisplay:
@@ -54,7 +55,7 @@ class _Bars(ProgressDisplay):
             self._bars.advance(self._tasks[task], steps)
 
     def say(self, text: str) -> None:
-        self._bars.console.print(text, markup=False, highlight=False)
+        self._bars.console.print(plain_text(text), markup=False, highlight=False)
 
     def close(self) -> None:
         if self._tasks:

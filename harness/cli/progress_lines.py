@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TextIO
 
 from harness.cli.progress_display import ProgressDisplay
+from harness.core.plain_text import plain_text
 
 #: A task's lines are at least this far apart; the line about its last step always comes.
 _LEAST_PAUSE_S = 2.0
@@ -84,7 +85,7 @@ class ProgressLines(ProgressDisplay):
     def say(self, text: str) -> None:
         """Write a line."""
         with self._lock:
-            self._print(text)
+            self._print(plain_text(text))
 
     def close(self) -> None:
         """Write no more lines."""

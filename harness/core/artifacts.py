@@ -22,6 +22,7 @@ from harness.core.cameras.rigs import views_from_front
 from harness.core.errors import DataError, MethodError
 from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
+from harness.core.files.reach import inside
 from harness.core.mesh import Mesh
 
 CAPTURE_SCHEMA = 1
@@ -168,7 +169,7 @@ class Capture:
         """The capture in a folder.
 
         Raises:
-            DataError: no ``capture.json``, another schema, or an image that is not there.
+            DataError: no ``capture.json``, another schema, or an image that is not in it.
         """
         path = directory / "capture.json"
         document = read_json(path)
@@ -197,7 +198,7 @@ class Capture:
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"{path} is incomplete", got=repr(error)) from error
         for view in range(len(capture.cameras)):
-            if not capture.image_path(view).is_file():
+            if not inside(path, capture.image_path(view), directory).is_file():
                 raise DataError(
                     f"view {view} of {directory} is missing",
                     expected=str(capture.image_path(view)),

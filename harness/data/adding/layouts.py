@@ -10,6 +10,7 @@ from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.names import NAME_RULE, is_name
+from harness.core.files.reach import inside
 
 #: Formats of which colours can be read.
 _SUFFIXES = (".obj", ".ply", ".glb")
@@ -64,7 +65,7 @@ def find_layout(folder: Path) -> FoundFolder:
 
     Raises:
         DataError: no such folder, no known layout or more than one, several meshes or captures for
-            one subject, or an id that is no name.
+            one subject, an id that is no name, or a link out of the folder.
     """
     if not folder.is_dir():
         raise DataError(f"{folder} is no folder", expected="a folder of scans or captures")
@@ -91,6 +92,8 @@ def find_layout(folder: Path) -> FoundFolder:
             expected=NAME_RULE,
             hint="Rename these files or folders; the name of a scan becomes its id",
         )
+    for path in found[0].subjects.values():
+        inside(folder, path, folder)
     return found[0]
 
 

@@ -156,11 +156,13 @@ def find_photos(folder: Path) -> tuple[Path, ...]:
     """The photos in a folder, in the natural order of their names (2 before 10).
 
     Raises:
-        DataError: no such folder, or no photo in it.
+        DataError: no such folder, no photo in it, or a link out of it.
     """
     if not folder.is_dir():
         raise DataError(f"no folder at {folder}")
     found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES]
+    for path in found:
+        inside(folder, path, folder)
     if not found:
         raise DataError(f"{folder} holds no photos", expected=", ".join(PICTURE_SUFFIXES))
     return tuple(sorted(found, key=_natural))

@@ -142,6 +142,16 @@ def test_what_is_not_a_capture(
         Capture.load(tmp_path)
 
 
+def test_a_photo_of_a_capture_is_in_its_folder(tmp_path: Path) -> None:
+    made = capture(tmp_path / "capture")
+    (tmp_path / "passport.png").write_bytes(b"")
+    made.image_path(1).unlink()
+    made.image_path(1).symlink_to(tmp_path / "passport.png")
+
+    with pytest.raises(DataError, match="outside the folders that were given"):
+        Capture.load(tmp_path / "capture")
+
+
 def test_a_folder_without_a_capture(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"no file at .*capture\.json"):
         Capture.load(tmp_path)

@@ -66,3 +66,15 @@ def test_circles_of_links_have_an_end(tmp_path):
         find_layout(tmp_path / "self")
     put(tmp_path, "a/scan.glb")
     assert list(find_layout(tmp_path).subjects) == ["a"]
+
+
+@pytest.mark.parametrize("link", ["0001", "0001/0001.obj", "0002.glb", "0003/scan.ply"])
+def test_links_out_of_the_folder_are_refused(tmp_path, link):
+    put(tmp_path / "else", "0001.obj", "0001/0001.obj", "scan.ply", "0002.glb")
+    path = tmp_path / "given" / link
+    path.parent.mkdir(parents=True)
+    path.symlink_to(tmp_path / "else" / path.name)
+    with pytest.raises(DataError, match="outside the folders that were given"):
+        find_layout(tmp_path / "given")
+    (tmp_path / "mine").symlink_to("else/0001")
+    assert list(find_layout(tmp_path / "mine").subjects) == ["0001"]

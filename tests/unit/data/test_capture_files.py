@@ -472,6 +472,15 @@ def test_a_photo_lies_in_the_folders_that_were_named(tmp_path):
     assert NamedPictures(tmp_path / "set" / "t.json", tmp_path).find("../private.png")
 
 
+def test_listed_photos_lie_in_their_folder(tmp_path):
+    blank(tmp_path / "set" / "1.png", tmp_path / "private.png")
+    (tmp_path / "again").symlink_to("set")
+    assert [path.name for path in find_photos(tmp_path / "again")] == ["1.png"]
+    (tmp_path / "set" / "2.png").symlink_to("../private.png")
+    with pytest.raises(DataError, match="outside the folders that were given"):
+        find_photos(tmp_path / "set")
+
+
 def stored_as(orientation, shown):
     """The pixels that a file of an orientation stores of a picture; by EXIF's definition."""
     return {
