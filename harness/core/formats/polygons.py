@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from harness.core.arrays import AnyInts, Floats, Ints
 from harness.core.errors import DataError
 
-#: Squared sizes times this are no area: coordinates are written with about seven digits.
+#: Of a size: less is rounding, for coordinates are written with about seven digits.
 _FLAT = 1e-7
 #: Polygons with notches take a time that grows with the square of their corners.
 _MOST_NOTCHED = 2000
@@ -111,7 +111,8 @@ def _is_fan(flat: Floats) -> NDArray[np.bool_]:
     """(n,) whether polygons (n, k, 2) are fans from their first corners."""
     arms = flat[:, 1:] - flat[:, :1]
     areas = _cross(arms[:, :-1], arms[:, 1:])
-    least = -_FLAT * np.square(np.diff(flat, axis=1)).sum(axis=(1, 2))[:, None]
+    # A corner may lie to the wrong side of an arm by what its coordinates are rounded.
+    least = -_FLAT * np.abs(flat).max(axis=(1, 2))[:, None] * np.abs(arms).sum(axis=2)[:, 1:]
     is_fan = flat.any(axis=(1, 2)) & (areas >= least).all(axis=1)
     if flat.shape[1] > 4:
         # Those that wind twice have no triangle that is turned over either.

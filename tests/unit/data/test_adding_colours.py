@@ -605,3 +605,19 @@ def test_transparency_is_told(tmp_path, alpha):
     told: list[str] = []
     assert glb_painted(glb_of(tmp_path / "p.glb", material), told)
     assert told == [f"its materials of alpha {alpha} are opaque here"]
+
+
+def test_a_polygon_with_a_notch_has_its_area_when_it_is_added(tmp_path):
+    outline = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
+    rows = [f"{x} {y} 0" for x, y in outline]
+    numbers = " ".join(map(str, range(1, 9)))
+    obj = "".join(f"v {row} {k * 20} 0 0\n" for k, row in enumerate(rows)) + f"f {numbers}\n"
+    kinds = "".join(f"property float {axis}\n" for axis in "xyz")
+    kinds += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    ply = f"ply\nformat ascii 1.0\nelement vertex 8\n{kinds}element face 1\n"
+    ply += "property list uchar int vertex_indices\nend_header\n"
+    ply += "".join(f"{row} {k * 20} 0 0\n" for k, row in enumerate(rows)) + "8 0 1 2 3 4 5 6 7\n"
+    for name, text in (("p.obj", obj), ("p.ply", ply)):
+        (tmp_path / name).write_text(text)
+        assert load_mesh(tmp_path / name).area == pytest.approx(7)
+        assert read_painted(tmp_path / name).mesh.area == pytest.approx(7)
