@@ -11,9 +11,11 @@ from pathlib import Path
 from harness.core.artifacts import Capture, Scan, image_name
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import write_transforms_json
+from harness.core.errors import MissingPart
 from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.files.hashing import content_hash, derive_seed, file_sha256
 from harness.core.mesh import Mesh
+from harness.core.process.blender import find_blender
 from harness.core.process.source_digest import SourceTree
 from harness.core.process.steps import StepReport, silent
 from harness.core.settings import RenderRecipe
@@ -60,11 +62,13 @@ class CaptureInputs:
         module = RENDERERS.module(recipe.renderer)
         # The check reads pictures and changes none of them.
         rendering = SourceTree.installed(module).digest([__name__, module], _NOT_THE_PICTURES)
+        if "bpy" in rendering.packages:
+            packages = {**packages, "bpy": _blender_version()}
         return cls(
             scan=scan.identity(),
             recipe=recipe.to_dict(),
             code=dict(sorted({**code, **rendering.modules}.items())),
-            packages=dict(sorted({**packages, **rendering.packages}.items())),
+            packages=dict(sorted({**rendering.packages, **packages}.items())),
             device=device,
         )
 
@@ -76,6 +80,14 @@ class CaptureInputs:
     def key(self) -> str:
         """Content id."""
         return content_hash(self.to_dict())
+
+
+def _blender_version() -> str:
+    """Of the Blender that would be used; empty where there is none."""
+    try:
+        return find_blender().version
+    except MissingPart:
+        return ""
 
 
 def capture(

@@ -21,6 +21,7 @@ from harness import __version__
 from harness.cli.verb_list import Verbs
 from harness.core.errors import HarnessError, WriteError
 from harness.core.files.atomic import NO_ROOM
+from harness.core.missing import explained
 from harness.core.process.interrupts import Interrupted, stopping_signal
 from mexecon_harness import answer_signals, goodbye, ignore_signals
 
@@ -69,6 +70,9 @@ def main() -> None:
             ignore_signals()
             _say(goodbye(number))
             code = Interrupted(number).exit_code
+        elif isinstance(error, ImportError) and (missing := explained(error)):
+            _say(f"harness: {missing}\n")
+            code = missing.exit_code
         elif isinstance(error, HarnessError):
             _say(f"harness: {error}\n")
             code = error.exit_code

@@ -1,36 +1,81 @@
-"""What the bench can do without, and the command that installs it: the one home of such advice."""
+"""What the bench can do without, and the command that installs it: the one home of such advice.
+
+The bench itself needs what scores and reports need. Methods, rendering and executors of many
+machines are extras of its distribution; other parts of the project are packages beside it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 from harness.core.errors import MissingPart
 
 _PROJECT = "mexecon-harness"
 _CHECKOUT = Path(__file__).resolve().parents[2]
+#: Modules that methods beyond the hulls need.
+METHOD_EXTRAS = ("anny", "mediapipe", "onnx", "onnxruntime", "torch", "warp")
+#: Extra that brings a module, by the module that is imported.
+_EXTRAS = {
+    **dict.fromkeys(METHOD_EXTRAS, "methods"),
+    "bpy": "render",
+    "ray": "ray",
+    "submitit": "slurm",
+}
 #: Packages that lie beside the bench, by the module that is imported.
 _BESIDE = {
     "clothed_avatars": "clothed-avatars",
     "normal_training": "normal-training",
     "open_normals": "open-normals",
 }
+#: What no extra brings, since few people need it.
+_SINGLE = {"smplx": "smplx==0.1.28"}
 
 
 def how_to_install(module: str) -> str:
     """The exact command that installs a module's distribution; empty for an unknown module.
 
-    In a checkout of the bench its own packages are installed from there.
+    In a checkout of the bench it is installed from there.
     """
     top = module.partition(".")[0]
+    in_checkout = (_CHECKOUT / "packages").is_dir()
     if name := _BESIDE.get(top):
-        folder = _CHECKOUT / "packages" / name
-        return f"pip install -e {folder}" if folder.is_dir() else f"pip install {name}"
-    return ""
+        where = f"-e {_CHECKOUT}/packages/{name}" if in_checkout else name
+        return f"pip install {where}"
+    if extra := _EXTRAS.get(top):
+        if not in_checkout:
+            return f"pip install '{_PROJECT}[{extra}]'"
+        return f"pip install -c {_CHECKOUT}/constraints.txt -e '{_CHECKOUT}[{extra}]'"
+    return f"pip install {_SINGLE[top]}" if top in _SINGLE else ""
 
 
-def not_installed(module: str, purpose: str) -> MissingPart:
-    """That a module which is needed for a purpose is not installed, and how to install it."""
+def not_installed(module: str, purpose: str, otherwise: str = "") -> MissingPart:
+    """That a module is not installed, and how to install it.
+
+    Args:
+        module: What could not be imported.
+        purpose: What needs it, as the beginning of a sentence: ``making avatars``.
+        otherwise: What to do instead, for the hint.
+    """
     return MissingPart(
         f"{purpose} needs {module.partition('.')[0]}, which is not installed",
-        hint=f"Run: {how_to_install(module)}",
+        hint="; ".join(filter(None, [f"Run: {how_to_install(module)}", otherwise])),
     )
+
+
+def explained(error: ImportError, purpose: str = "this") -> MissingPart | None:
+    """What a failed import means to a user; None for a module that is nobody's extra."""
+    module = error.name or ""
+    known = isinstance(error, ModuleNotFoundError) and how_to_install(module)
+    return not_installed(module, purpose) if known else None
+
+
+def is_extra(module: str) -> bool:
+    """Whether an extra brings a top-level module, so that the bench works without it."""
+    return module in _EXTRAS
+
+
+def absent_extras(modules: Iterable[str]) -> list[str]:
+    """Those of some top-level modules that an extra brings and that are not installed."""
+    return sorted(name for name in modules if name in _EXTRAS and find_spec(name) is None)

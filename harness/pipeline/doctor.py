@@ -11,6 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 from harness.core.errors import HarnessError, MissingPart
+from harness.core.missing import how_to_install, is_extra
+from harness.core.process.blender import find_blender
+from harness.core.process.source_digest import installed_version
 from harness.data.manifest import Manifest
 from harness.pipeline.executors.locks import host_local_locks, mount_of
 from harness.pipeline.inputs.inventory import check_tree
@@ -40,14 +43,14 @@ _MODULES = (
     ("numpy", "numpy", "arrays"),
     ("scipy", "scipy", "nearest neighbours, distance transforms"),
     ("skimage", "scikit-image", "marching cubes"),
-    ("open3d", "open3d", "ray casting, exact closest points"),
-    ("torch", "torch", "bodies of generated avatars"),
-    ("anny", "anny", "bodies of generated avatars"),
-    ("bpy", "bpy", "Blender, the renderer"),
-    ("mediapipe", "mediapipe", "2-D landmarks"),
-    ("onnxruntime", "onnxruntime", "normal networks"),
+    ("open3d", "open3d-cpu", "ray casting, exact closest points"),
     ("pandas", "pandas", "tables"),
     ("matplotlib", "matplotlib", "figures"),
+    ("torch", "torch", "bodies"),
+    ("anny", "anny", "bodies"),
+    ("mediapipe", "mediapipe", "2-D landmarks"),
+    ("onnxruntime", "onnxruntime", "normal networks"),
+    ("warp", "warp-lang", "photo-consistency"),
 )
 _IMPORT_TIMEOUT_S = 120
 _LOW_DISK_GIB = 5
@@ -87,6 +90,7 @@ def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
     yield _disk(workspace)
     yield _locks(workspace)
     yield from (_module(*entry) for entry in _MODULES)
+    yield _blender()
     yield from _devices()
     yield _open_network()
     yield from (_part(name) for name in KINDS)
@@ -97,8 +101,8 @@ def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:
 def _python() -> Finding:
     version = ".".join(map(str, sys.version_info[:3]))
     return Finding(
-        "system", "python", sys.version_info[:2] == (3, 11), True, version,
-        "Blender's bpy 4.5 exists for Python 3.11 alone: make the environment with python3.11",
+        "system", "python", sys.version_info[:2] >= (3, 11), True, version,
+        "Make the environment with python3.11 or a newer one",
     )  # fmt: skip
 
 
@@ -142,22 +146,31 @@ def _locks(workspace: Workspace) -> Finding:
 
 def _module(module: str, distribution: str, purpose: str) -> Finding:
     """Imported in a child process: a broken library may take its process with it."""
-    program = f"import {module}, importlib.metadata as m; print(m.version({distribution!r}))"
+    needed = not is_extra(module)
     try:
         process = subprocess.run(
-            [sys.executable, "-c", program],
+            [sys.executable, "-c", f"import {module}"],
             capture_output=True, text=True, timeout=_IMPORT_TIMEOUT_S, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        return Finding("package", module, False, True, "import did not end", "Try again")
+        return Finding("package", module, False, needed, "import did not end", "Try again")
     if process.returncode == 0:
-        version = process.stdout.strip().splitlines()[-1]
-        return Finding("package", module, True, True, f"{version}, {purpose}")
+        version = installed_version(distribution.removesuffix("-cpu"))
+        return Finding("package", module, True, needed, f"{version}, {purpose}")
     reason = (process.stderr.strip().splitlines() or [f"exit status {process.returncode}"])[-1]
-    step = f"pip install -c constraints.txt {distribution}"
+    step = how_to_install(module) or f"pip install -c constraints.txt {distribution}"
     if "cannot open shared object file" in reason:
         step = "Install the system libraries named above"
-    return Finding("package", module, False, True, f"{purpose}: {reason}", step)
+    return Finding("package", module, False, needed, f"{purpose}: {reason}", step)
+
+
+def _blender() -> Finding:
+    try:
+        found = find_blender()
+    except MissingPart as error:
+        note = f"{error.what} (got {error.got})" if error.got else error.what
+        return Finding("renderer", "Blender", False, False, note, error.hint)
+    return Finding("renderer", "Blender", True, False, f"{found.version}, {found.place}")
 
 
 def _devices() -> Iterator[Finding]:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.errors import DataError, MissingPart
+from harness.core.errors import DataError
+from harness.core.missing import not_installed
 from methods.feedforward.safetensors import read_header, read_tensor, write_tensors
 from methods.feedforward.tensors import UNUSED_HEADS, vggt_shapes
 
@@ -137,10 +138,7 @@ def _state(path: Path) -> dict[str, Any]:
     try:
         import torch
     except ImportError as error:
-        raise MissingPart(
-            f"{path} needs torch to be read: {error}",
-            hint="Run: pip install -c constraints.txt torch; or take model.safetensors",
-        ) from error
+        raise not_installed("torch", f"reading {path}", "or take model.safetensors") from error
     try:
         # Mapped: only what is kept is read.
         state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)

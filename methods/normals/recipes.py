@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
+from harness.core.errors import DataError, HarnessError, did_you_mean
+from harness.core.missing import not_installed
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +62,7 @@ def prepared(file: Path, recipe: str, target: Path) -> None:
     try:
         import onnx
     except ImportError as error:
-        raise MissingPart(
-            "networks are changed with onnx, which is not installed", hint="Run: pip install onnx"
-        ) from error
+        raise not_installed("onnx", "changing a network") from error
     try:
         model = onnx.load(file)
     except Exception as error:  # protobuf's errors have no public base

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from harness.core.errors import MissingPart
+from harness.core.missing import not_installed
 
 
 def titled(solution: str) -> str:
@@ -21,7 +21,7 @@ def solutions(purpose: str, otherwise: str = "") -> Any:
     """MediaPipe's module of solutions.
 
     Args:
-        purpose: What it is needed for, as the beginning of a sentence: ``masks are made``.
+        purpose: What needs it, as the beginning of a sentence: ``making masks``.
         otherwise: What to do instead of installing it, for the hint.
 
     Raises:
@@ -33,10 +33,7 @@ def solutions(purpose: str, otherwise: str = "") -> Any:
         with ThreadPoolExecutor(1) as importer:
             mediapipe = importer.submit(_mediapipe).result()
     except ImportError as error:
-        raise MissingPart(
-            f"{purpose} with MediaPipe, which is not installed",
-            hint="; ".join(filter(None, ["Run: pip install mediapipe==0.10.21", otherwise])),
-        ) from error
+        raise not_installed("mediapipe", purpose, otherwise) from error
     return mediapipe.solutions
 
 

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from harness.core.errors import DataError, MissingPart
+from harness.core.errors import DataError
 from harness.core.files.hashing import file_sha256
 from harness.core.files.reach import named_path
+from harness.core.missing import not_installed
 
 
 def network_sha256(path: Path) -> str:
@@ -38,9 +39,7 @@ def read_network(path: Path) -> Any:
     try:
         import onnx
     except ImportError as error:
-        raise MissingPart(
-            "networks are read with onnx, which is not installed", hint="Run: pip install onnx"
-        ) from error
+        raise not_installed("onnx", "reading a network") from error
     try:
         onnx.load(path, load_external_data=False)
         _files(path)
@@ -80,9 +79,7 @@ def _beside(path: Path, _changed_ns: int, _size: int) -> tuple[Path, ...]:
     try:
         import onnx
     except ImportError as error:
-        raise MissingPart(
-            "networks are examined with onnx, which is not installed", hint="Run: pip install onnx"
-        ) from error
+        raise not_installed("onnx", "reading a network") from error
     try:
         model = onnx.load(path, load_external_data=False)
     except Exception as error:  # protobuf's errors have no public base

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.errors import DataError, MethodError, MissingPart
+from harness.core.errors import DataError, MethodError
+from harness.core.missing import not_installed
 
 _CPU, _CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 
@@ -29,10 +30,7 @@ def open_session(path: Path, *, gpu: bool = False) -> Any:
     try:
         import onnxruntime
     except ImportError as error:
-        raise MissingPart(
-            "networks are run by onnxruntime, which is not installed",
-            hint="Run: pip install onnxruntime",
-        ) from error
+        raise not_installed("onnxruntime", "running a network") from error
     options = onnxruntime.SessionOptions()
     # Else the working memory of the largest run stays taken for as long as the network is kept.
     options.enable_cpu_mem_arena = False

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
+from harness.core.process.blender import find_blender
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.settings import RenderRecipe
@@ -27,7 +26,7 @@ class BlenderRenderer:
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
     ) -> RenderOutcome:
         """See ``Renderer.render``."""
-        _require_blender()
+        blender = find_blender()
         texture = texture_of(mesh)
         assert mesh.uv is not None
         assert mesh.face_uv is not None
@@ -42,7 +41,7 @@ class BlenderRenderer:
                 corner_uv=mesh.uv[mesh.face_uv].astype(np.float32),
             )
             answer = run_worker(
-                _WORKER,
+                blender.worker(_WORKER),
                 {
                     "scene": scene.to_dict(),
                     "mesh": str(arrays),
@@ -57,15 +56,3 @@ class BlenderRenderer:
                 size = (scene.width, scene.height)
                 save_png(directory / view.file, load_rgba(Path(folder, view.file), size))
         return RenderOutcome(device=str(answer["device"]))
-
-
-def _require_blender() -> None:
-    """Look for the installed package without importing it."""
-    try:
-        importlib.metadata.version("bpy")
-    except importlib.metadata.PackageNotFoundError as error:
-        raise MissingPart(
-            "Blender is not installed",
-            expected="the package bpy",
-            hint="Install bpy (it needs Python 3.11), or use a recipe with 'renderer: raycast'",
-        ) from error

@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from harness.core.errors import HarnessError, MissingPart, did_you_mean
+from harness.core.missing import explained
 
 
 class Registry:
@@ -55,7 +56,7 @@ class Registry:
         try:
             return EntryPoint(name=name, value=target, group=self._group).load()
         except ImportError as error:
-            raise MissingPart(
+            raise explained(error, f"{self.kind} '{name}'") or MissingPart(
                 f"{self.kind} '{name}' could not be loaded: {error}",
                 hint="Run 'harness doctor' to see what is missing and how to install it",
             ) from error

@@ -11,6 +11,7 @@ Two kinds of text name a module without importing it. The dotted name of a worke
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import re
@@ -177,11 +178,21 @@ def _versions(names: Iterable[str]) -> dict[str, str]:
 @functools.cache
 def _distributions(name: str) -> tuple[tuple[str, str], ...]:
     """Name and version of each distribution that provides a top-level name."""
-    try:
-        return ((name, metadata.version(name)),)
-    except metadata.PackageNotFoundError:
-        brought_by = sorted({each.name for each in metadata.distributions() if _brings(each, name)})
-        return tuple((each, metadata.version(each)) for each in brought_by) or ((name, ""),)
+    if found := installed_version(name):
+        return ((name, found),)
+    brought_by = sorted({each.name for each in metadata.distributions() if _brings(each, name)})
+    return tuple((each, metadata.version(each)) for each in brought_by) or ((name, ""),)
+
+
+def installed_version(distribution: str) -> str:
+    """The version of a distribution, or of its build for processors alone; empty without both.
+
+    ``open3d`` and ``open3d-cpu`` give the same numbers, bit by bit.
+    """
+    for name in (distribution, f"{distribution}-cpu"):
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            return metadata.version(name)
+    return ""
 
 
 def _brings(distribution: metadata.Distribution, name: str) -> bool:

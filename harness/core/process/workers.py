@@ -24,6 +24,8 @@ from typing import Any, get_type_hints
 from harness.core.errors import HarnessError, MethodError, error_values, found_error
 from harness.core.files.atomic import read_json, write_json
 from harness.core.formats.typed_json import from_json, to_json
+from harness.core.missing import explained
+from harness.core.process.blender import BlenderWorker
 from harness.core.process.interrupts import require_not_stopped
 from harness.core.process.steps import StepReport
 
@@ -45,7 +47,7 @@ class WorkerDied(MethodError):
 
 
 def run_worker(
-    module: str,
+    module: str | BlenderWorker,
     job: object,
     *,
     log: Path | None = None,
@@ -59,7 +61,8 @@ def run_worker(
     do. What it leaves in its folder for temporary files goes with it, however it ends.
 
     Args:
-        module: Dotted name of a module that ends in ``worker_main(handle)``.
+        module: Dotted name of a module that ends in ``worker_main(handle)``; what runs in Blender
+            may run in another interpreter.
         job: A dataclass of plain values, or JSON values, handed to it.
         log: Where its output is kept; a temporary file by default.
         progress: Called with (done, total) whenever the worker says so.
@@ -78,11 +81,13 @@ def run_worker(
         job_path, result_path = Path(folder, "job.json"), Path(folder, "result.json")
         log_path = log or Path(folder, "log.txt")
         log_path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(job_path, {"parent": os.getpid(), "job": to_json(job)})
+        worker = BlenderWorker(module) if isinstance(module, str) else module
+        # A program may be a script that starts another one, whose parent it is.
+        parent = 0 if worker.command else os.getpid()
+        write_json(job_path, {"parent": parent, "job": to_json(job)})
         with log_path.open("wb") as stream:
-            # -P keeps the working folder off the path: it may contain packages with our names.
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", module, str(job_path), str(result_path)],
+                [*worker.start(Path(folder)), str(job_path), str(result_path)],
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
@@ -96,7 +101,9 @@ def run_worker(
                 process.kill()
                 process.wait()
         if not result_path.is_file():
-            raise _death(module, process.returncode if in_time else None, timeout_s, log_path)
+            raise _death(
+                worker.module, process.returncode if in_time else None, timeout_s, log_path
+            )
         result = read_json(result_path)
     if failure := result.get("error"):
         raise found_error(failure)
@@ -169,13 +176,18 @@ def worker_main(
     """
     job_path, result_path = Path(sys.argv[1]), Path(sys.argv[2])
     document = read_json(job_path)
-    _die_with(document["parent"])
+    _die_with(document["parent"] or os.getppid())
     try:
         result: dict[str, object] = {
             "value": to_json(handle(typed_job(handle, document["job"]), _say_progress))
         }
     except HarnessError as error:
         result = {"error": error_values(error)}
+    except ImportError as error:
+        missing = explained(error)
+        if missing is None:
+            raise
+        result = {"error": error_values(missing)}
     write_json(result_path, result)
 
 

@@ -6,23 +6,19 @@ import importlib
 import importlib.util
 from types import ModuleType
 
-from harness.core.errors import MissingPart
+from harness.core.missing import not_installed
 
 
-def extra_package(package: str, version: str, purpose: str) -> ModuleType:
+def extra_package(package: str, purpose: str) -> ModuleType:
     """A package of an extra, imported now: it takes a second, and most runs do without.
 
     Args:
         package: Its name.
-        version: The one that this program is tested with.
-        purpose: What it is needed for, as the beginning of a sentence.
+        purpose: What needs it, as the beginning of a sentence.
 
     Raises:
         MissingPart: it is not installed.
     """
     if importlib.util.find_spec(package) is None:
-        raise MissingPart(
-            f"{purpose} needs the package '{package}', which is not installed",
-            hint=f"Run: pip install {package}=={version}",
-        )
+        raise not_installed(package, purpose)
     return importlib.import_module(package)

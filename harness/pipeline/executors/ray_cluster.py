@@ -24,7 +24,6 @@ from harness.pipeline.executors.on_a_machine import Errand, carry_out_here
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.progress import Progress
 
-RAY_VERSION = "2.60.0"
 #: A resource that clusters may have, so that not too many renderings are on one machine at once.
 BLENDER = "blender"
 #: How often a task whose worker or machine was lost is tried again.
@@ -59,7 +58,7 @@ class RayCluster:
         Raises:
             MissingPart: it is not.
         """
-        extra_package("ray", RAY_VERSION, "--executor ray")
+        extra_package("ray", "--executor ray")
 
     def carry_out(
         self, tasks: Sequence[Task], progress: Progress, done: Callable[[Answer], None]
@@ -67,7 +66,7 @@ class RayCluster:
         """As ``Executor.carry_out``."""
         # Ray reports its use to its makers otherwise.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        ray = extra_package("ray", RAY_VERSION, "--executor ray")
+        ray = extra_package("ray", "--executor ray")
         if not tasks:
             return
         with _stops_as_such(), self._connected(ray):
@@ -160,7 +159,7 @@ def _fits(grant: Grant, machine: Mapping[str, float]) -> bool:
 
 def _on_ray(errand: Errand, before: Answer | None = None) -> Answer:
     """One task in a worker of Ray's; ``before`` is the answer of the task that came first."""
-    ray = extra_package("ray", RAY_VERSION, "this task")
+    ray = extra_package("ray", "this task")
     node = ray.get_runtime_context().get_node_id()
     value = before.value if before and not before.lost else None
     return carry_out_here(errand, value, f"{platform.node()} ({node[:6]})")

@@ -27,7 +27,6 @@ from harness.pipeline.executors.on_a_machine import Errand, carry_out_here
 from harness.pipeline.executors.task import Answer, Task
 from harness.pipeline.progress import Progress
 
-SUBMITIT_VERSION = "1.5.4"
 #: Below the 1001 that Slurm's MaxArraySize is unless somebody changed it.
 _MOST_ELEMENTS = 1000
 #: How often tasks without an answer are submitted.
@@ -61,7 +60,7 @@ class Slurm:
         Raises:
             MissingPart: one of them is not.
         """
-        extra_package("submitit", SUBMITIT_VERSION, "--executor slurm")
+        extra_package("submitit", "--executor slurm")
         if self.cluster == "slurm" and shutil.which("sbatch") is None:
             raise MissingPart(
                 "--executor slurm needs Slurm's command 'sbatch', which is not on this machine",
@@ -73,7 +72,7 @@ class Slurm:
     ) -> None:
         """As ``Executor.carry_out``."""
         self.require_usable()
-        submitit = extra_package("submitit", SUBMITIT_VERSION, "--executor slurm")
+        submitit = extra_package("submitit", "--executor slurm")
         folder = self.folder.resolve() / uuid.uuid4().hex[:12]
         try:
             left = {task.name: task for task in tasks}

@@ -155,7 +155,7 @@ def _everybody() -> Any:
 
 
 def _solutions() -> Any:
-    return solutions("masks are made", "or give masks with --masks FOLDER")
+    return solutions("making masks", "or give masks with --masks FOLDER")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

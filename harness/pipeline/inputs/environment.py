@@ -8,10 +8,10 @@ import subprocess
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import harness
+from harness.core.process.source_digest import installed_version
 from harness.core.records import Environment
 
 SEALED_LOG = "docs/lab/sealed.md"
@@ -36,17 +36,10 @@ def environment() -> Environment:
         system=platform.platform(),
         machine=platform.machine(),
         cpus=os.cpu_count(),
-        packages={name: _version(name) for name in _PACKAGES},
+        packages={name: installed_version(name) or None for name in _PACKAGES},
         commit=made_from.sha,
         dirty=made_from.dirty,
     )
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def checkout() -> Path | None:

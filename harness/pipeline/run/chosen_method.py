@@ -9,7 +9,9 @@ from typing import Any
 
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.names import checked_name
+from harness.core.missing import METHOD_EXTRAS, absent_extras, not_installed
 from harness.core.process.installable import Installable
+from harness.core.process.source_digest import SourceTree
 from harness.core.protocols import Configurable, Method, MethodInfo
 from harness.pipeline.foreign.added_methods import ADDED_MODULE, AddedMethods
 from harness.pipeline.inputs.part_choice import PartChoice
@@ -131,6 +133,10 @@ class ChosenMethod:
             MissingPart: it runs on something that is not installed; the hint is the next command.
             MethodError: this machine has too little memory for it.
         """
+        if absent := absent_extras(METHOD_EXTRAS):
+            used = SourceTree.installed(self.module).digest([self.module]).packages
+            if lacking := [name for name in absent if name in used]:
+                raise not_installed(lacking[0], f"method '{self.name}'")
         if isinstance(self.method, Installable):
             self.method.require_installed()
 

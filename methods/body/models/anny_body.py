@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.cameras.frames import ANNY_TO_WORLD
-from harness.core.errors import MissingPart
 from harness.core.files.atomic import exclusive_lock
+from harness.core.missing import not_installed
 from methods.body.models.anatomy import blend_landmarks, free_joint, sparse_vertices, table
 from methods.body.models.model import FreeJoint, LandmarkTable, Parameters, Posed
 from methods.body.models.offsets import ANNY_OFFSETS_MM
@@ -81,9 +81,7 @@ def _model() -> Any:
         import anny.paths
         import torch
     except ImportError as error:
-        raise MissingPart(
-            "the body model Anny is not installed", hint="Run: pip install anny"
-        ) from error
+        raise not_installed("anny", "the body model Anny") from error
     # Anny builds its model files on first use and does not write them atomically.
     with exclusive_lock(anny.paths.get_anny_cache_path() / "harness.lock"):
         # Its compact blend shapes come from a decomposition whose rounding, and even whose choice

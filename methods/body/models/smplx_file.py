@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from harness.core.array_files.npz import read_array_npz
 from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
+from harness.core.missing import not_installed
 
 _WHERE = (
     "Register at https://smpl-x.is.tue.mpg.de, unpack models_smplx_v1_1.zip and run: "
@@ -120,7 +121,7 @@ def require_model(path: Path | None) -> Path:
 
 
 def _no_package() -> MissingPart:
-    return MissingPart("the package smplx is not installed", hint="Run: pip install smplx==0.1.28")
+    return not_installed("smplx", "the body model SMPL-X")
 
 
 def forget() -> None:

@@ -244,7 +244,7 @@ def _upright() -> Floats:
 @functools.lru_cache(maxsize=1)
 def _detector() -> Any:
     """The detector, loaded once; in still-picture mode it remembers nothing of earlier pictures."""
-    holistic = solutions("landmarks are found").holistic.Holistic
+    holistic = solutions("finding landmarks").holistic.Holistic
     return holistic(static_image_mode=True, model_complexity=1)
 
 

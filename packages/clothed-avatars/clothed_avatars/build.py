@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -40,6 +39,7 @@ from clothed_avatars.stored import load_drape
 from clothed_avatars.wrinkles.roll import COLLAR, HOOD, rumpled
 from clothed_avatars.writer import TexturedMesh, write_avatar
 from harness.core.files.hashing import derive_seed
+from harness.core.process.source_digest import installed_version
 from harness.core.process.steps import StepReport
 
 AVATARS_VERSION = 9
@@ -237,7 +237,7 @@ def make_avatar(recipe: AvatarRecipe, directory: Path, scan_noise_mm: float = 0.
         "measured": check_avatar(recipe.id, vertices, faces, cloth, skin, framed=framed),
         "faces_by_label": {name: int((label == k).sum()) for k, name in enumerate(names)},
         "packages": {
-            name: importlib.metadata.version(name)
+            name: installed_version(name)
             for name in ("anny", "bpy", "numpy", "scipy", "open3d", "scikit-image", "torch")
         },
     }

@@ -20,6 +20,7 @@ from clothed_avatars.mesh.quads import Floats, triangles
 from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, carry
 from clothed_avatars.people.poses import Pose, joint_rotations
 from harness.core.errors import MethodError
+from harness.core.process.blender import find_blender
 from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 
@@ -156,7 +157,7 @@ def _solve(
             fabric = ClothFabric(piece.fabric.stiffness, piece.fabric.surplus, quality)
             garments.append(GarmentJob(file, out, fabric))
         job = DrapeJob(folder, folder / "body.npz", tuple(garments))
-        run_worker(_WORKER, job.to_dict(), progress=progress)
+        run_worker(find_blender().worker(_WORKER), job.to_dict(), progress=progress)
         return [np.load(garment.out).astype(float) for garment in garments]
 
 

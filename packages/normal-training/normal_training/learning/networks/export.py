@@ -15,8 +15,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from harness.core.errors import MethodError, MissingPart
+from harness.core.errors import MethodError
 from harness.core.files.atomic import atomic_path
+from harness.core.missing import not_installed
 from methods.normals.window import MULTIPLE
 from normal_training.learning.networks.network import Answer
 from normal_training.learning.networks.starting import HALF
@@ -51,9 +52,7 @@ def export_network(network: nn.Module, path: Path, about: Mapping[str, str]) -> 
     try:
         import onnx
     except ImportError as error:
-        raise MissingPart(
-            "networks are written with onnx, which is not installed", hint="Run: pip install onnx"
-        ) from error
+        raise not_installed("onnx", "writing a network") from error
     network = _rounded(network.to("cpu").eval())
     size = (2 * MULTIPLE, 3 * MULTIPLE)
     example = tuple(torch.zeros(1, channels, *size) for channels in _INPUTS.values())
