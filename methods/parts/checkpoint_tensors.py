@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.array_files.npz import shown_text
+from harness.core.missing import not_installed
 from harness.core.errors import DataError, MissingPart
 from harness.core.files.names import is_name
 
@@ -153,9 +154,7 @@ def _loaded(path: Path) -> object:
     try:
         from torch import load, serialization
     except ImportError as error:
-        raise MissingPart(
-            "PyTorch, which reads checkpoints, is not installed", hint="Run: pip install torch"
-        ) from error
+        raise not_installed("torch", "reading a checkpoint") from error
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if sum(each.filename.endswith("/data.pkl") for each in members) != 1:

@@ -101,10 +101,12 @@ def run_worker(
                 process.kill()
                 process.wait()
         if not result_path.is_file():
-            raise _death(
-                worker.module, process.returncode if in_time else None, timeout_s, log_path
-            )
-        result = read_json(result_path)
+            status = process.returncode if in_time else None
+            raise _death(worker.module, status, timeout_s, log_path)
+        return _value(read_json(result_path))
+
+
+def _value(result: dict[str, Any]) -> dict[str, Any]:
     if failure := result.get("error"):
         raise found_error(failure)
     return result["value"]
