@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.array_files.npz import shown_text
-from harness.core.missing import not_installed
-from harness.core.errors import DataError, MissingPart
+from harness.core.errors import DataError
 from harness.core.files.names import is_name
+from harness.core.missing import not_installed
 
 if TYPE_CHECKING:
     from torch import Tensor

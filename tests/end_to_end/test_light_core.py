@@ -59,8 +59,8 @@ def meshes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
     )
     rng = np.random.default_rng(0)
-    save_mesh(Mesh(points, faces), folder / "truth.ply")
-    save_mesh(Mesh(points + rng.normal(0, 0.004, points.shape), faces), folder / "mesh.ply")
+    save_mesh(folder / "truth.ply", Mesh(points, faces))
+    save_mesh(folder / "mesh.ply", Mesh(points + rng.normal(0, 0.004, points.shape), faces))
     return folder / "mesh.ply", folder / "truth.ply"
 
 
