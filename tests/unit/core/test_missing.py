@@ -38,7 +38,7 @@ def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "def handle(job, report):\n    raise ModuleNotFoundError('no torch', name='torch')\n"
         "if __name__ == '__main__':\n    worker_main(handle)\n"
     )
-    (tmp_path / "asks.py").write_text("import torch.none_such\n")
+    (tmp_path / "asks.py").write_text("raise ModuleNotFoundError('no torch', name='torch')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(tmp_path)
 
