@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from harness.core.files.atomic import write_text
+from harness.core.formats.typed_json import to_json
 from harness.pipeline.inputs.captures import CaptureOutcome
 
 
@@ -34,14 +35,14 @@ def deliver(text: str, output: Path | None) -> None:
 
 
 def print_json(document: object) -> None:
-    """Print JSON values, indented; a number that JSON does not have is an error."""
-    print(json.dumps(document, indent=2, allow_nan=False))
+    """Print dataclasses or JSON values, indented; a number that JSON does not have is an error."""
+    print(json.dumps(to_json(document), indent=2, allow_nan=False))
 
 
 def print_outcomes(outcomes: Sequence[CaptureOutcome], *, as_json: bool) -> None:
     """Print how making each subject ended; exit with 1 if one of them failed."""
     if as_json:
-        print_json([outcome.to_dict() for outcome in outcomes])
+        print_json(outcomes)
     else:
         for outcome in outcomes:
             print(outcome)

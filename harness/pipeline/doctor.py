@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.missing import how_to_install, is_extra
@@ -76,10 +76,6 @@ class Finding:
     needed: bool
     note: str
     next_step: str = ""
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return asdict(self)
 
 
 def examine(manifest: Manifest, workspace: Workspace) -> Iterator[Finding]:

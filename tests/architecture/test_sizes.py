@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,8 @@ def complaints(name: str, source: str) -> list[str]:
     lines = source.count("\n")
     if lines > MODULE_LINES:
         found.append(f"{name}: {lines} lines")
+    if re.search(r"^__all__\b", source, re.MULTILINE):
+        found.append(f"{name}: a leading underscore says what is private, and no __all__")
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
@@ -75,6 +78,7 @@ def test_tests_have_no_drawers_either() -> None:
 @pytest.mark.parametrize(
     ("name", "source", "complaint"),
     [
+        ("metrics/a.py", "__all__ = ['f']", "no __all__"),
         ("harness/core/a.py", "x = 1\n" * 601, "harness/core/a.py: 601 lines"),
         ("metrics/a.py", "def f():\n" + "    x = 1\n" * 60, "metrics/a.py:1 f: 61 lines"),
         ("metrics/a.py", "class A:\n def f(self, a, b, c, *, d, e, f, g): ...", "f: 7 parameters"),

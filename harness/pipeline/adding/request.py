@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.pipeline.inputs.workspace import Workspace
@@ -97,7 +97,3 @@ class Added:
     def failed(self) -> tuple[CheckedSubject, ...]:
         """The subjects that cannot be used."""
         return tuple(each for each in self.subjects if each.failure)
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return {**asdict(self), "manifest": str(self.manifest)}

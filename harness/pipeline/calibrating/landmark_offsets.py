@@ -38,9 +38,6 @@ from methods.body.photos.detection import MIRRORED, Detections, detect
 from methods.body.photos.views import load_views
 from methods.body_fit import jmbo8_plus
 
-__all__ = ["deviations_mm", "remaining_mm", "symmetric_means", "triangulated", "true_posed"]
-
-
 _DATASET, _SIZE = "avatars-train", (540, 960)
 #: Distances at which a view's pixel, and a subject's deviation, count half.
 _HALF_PX, _HALF_MM = 8.0, 20.0

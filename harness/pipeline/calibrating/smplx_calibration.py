@@ -47,9 +47,6 @@ from methods.body.smplx_offsets import (
 )  # fmt: skip
 from methods.body_fit import jmbo8_plus
 
-__all__ = ["FEWEST_SUBJECTS", "CalibrationRequest", "calibrate_smplx", "forget_smplx",
-           "true_smplx"]  # fmt: skip
-
 #: Fewer say more of themselves than of people.
 FEWEST_SUBJECTS = 6
 _USUAL, _LAST_OF_VERSION_2 = 36, 525

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from harness.core.artifacts import Capture
@@ -41,10 +41,6 @@ class CaptureOutcome:
     proof: object = None
     warnings: tuple[str, ...] = field(default_factory=tuple)
     failure: str = ""
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return asdict(self)
 
     def __str__(self) -> str:
         notes = "".join(f"\n    {note}" for note in (*self.warnings, self.failure) if note)

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     # PyTorch takes seconds to import.
     from normal_training.learning.calibration import Reliability
 
-__all__ = ["draw_reliability"]
-
 
 def draw_reliability(sides: Sequence[Reliability], path: Path) -> Path:
     """Draw a line for each side, a point for each bin; returns the file.

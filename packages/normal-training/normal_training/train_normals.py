@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from normal_training.learning.loop import Trained
     from normal_training.learning.samples import Samples
 
-__all__ = ["TrainingRequest", "TrainingResult", "train_normals"]
-
 _STEPS = "steps"
 #: Licence of generated people.
 _OURS = "CC0-1.0"

@@ -17,16 +17,6 @@ from methods.parts.onnx_files import read_network
 from normal_training.learning.curve import Look
 from normal_training.learning.settings import NetworkPart
 
-__all__ = [
-    "METADATA",
-    "Blend",
-    "Sitting",
-    "provenance",
-    "sittings_of",
-    "spans",
-    "without_leaks",
-]
-
 #: Under this name an ONNX file's metadata hold the list.
 METADATA = "sittings"
 

@@ -180,7 +180,7 @@ def add(
     with shown_progress(quiet=as_json) as progress:
         added = add_dataset(request, progress)
     if as_json:
-        print_json(added.to_dict())
+        print_json(added)
     else:
         _print_added(added)
     if not added.written:

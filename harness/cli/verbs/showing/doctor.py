@@ -51,7 +51,7 @@ def doctor(
             if not finding.usable and finding.next_step:
                 print(f"{'':33} -> {finding.next_step}")
     if as_json:
-        print_json([finding.to_dict() for finding in findings])
+        print_json(findings)
     if any(finding.needed and not finding.usable for finding in findings):
         raise typer.Exit(1)
 

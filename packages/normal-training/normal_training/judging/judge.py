@@ -17,8 +17,6 @@ from normal_training.judging.judge_worker import JudgeJob
 from normal_training.judging.photos import NormalsJudgement
 from normal_training.sampling.samples import SampleSettings, samples_key
 
-__all__ = ["JudgeRequest", "NetworkRow", "judged_networks", "to_markdown"]
-
 _WORKER = "normal_training.judging.judge_worker"
 _PHOTOS = "photos"
 #: Changes whenever a number does that ``samples.SAMPLES_VERSION`` does not cover.

@@ -16,8 +16,6 @@ from methods.normals.estimators import BodyNormals
 from normal_training.judging.photos import BODY, NormalsJudgement, judged_pair
 from normal_training.sampling.samples import SampleSettings, Studio
 
-__all__ = ["JudgeJob", "handle"]
-
 
 @dataclass(frozen=True, slots=True)
 class JudgeJob:

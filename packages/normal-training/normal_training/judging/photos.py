@@ -16,8 +16,6 @@ from metrics.folds import fold_correlation, fold_strength, pixel_size_m
 from metrics.normal_maps import THRESHOLDS_DEG, angular_error_map
 from normal_training.sampling.samples import PrintPair
 
-__all__ = ["BODY", "NormalsJudgement", "judged_pair"]
-
 #: The row of the body's own normals, which is what a network has to beat.
 BODY = "body"
 

@@ -13,8 +13,6 @@ from normal_training.learning.samples import Batch, Samples
 from normal_training.learning.settings import TrainingSettings
 from normal_training.learning.variations.drawing import Picked, drawn, pick, varied
 
-__all__ = ["Drawer"]
-
 #: Steps whose samples are picked while the device works on the ones before.
 _AHEAD = 6
 

@@ -14,8 +14,6 @@ from harness.core.files.atomic import atomic_path
 from normal_training.learning.losses import Pixels, chord
 from normal_training.learning.samples import Samples
 
-__all__ = ["Bin", "Reliability", "measured", "write_reliability"]
-
 _BINS = 10
 
 

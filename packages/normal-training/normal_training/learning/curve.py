@@ -9,8 +9,6 @@ from pathlib import Path
 
 from harness.core.files.atomic import atomic_path
 
-__all__ = ["Look", "write_curve"]
-
 
 @dataclass(frozen=True, slots=True)
 class Look:

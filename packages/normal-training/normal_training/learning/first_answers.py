@@ -19,8 +19,6 @@ from normal_training.learning.networks.starting import network_from
 from normal_training.learning.sample_key import stored_key
 from normal_training.learning.samples import Samples, read_samples
 
-__all__ = ["FIRST_ANSWERS_VERSION", "FirstAnswers"]
-
 FIRST_ANSWERS_VERSION = 2
 """Changes whenever any output does."""
 

@@ -25,8 +25,6 @@ from normal_training.learning.parallel_gradients import LANES, Lanes
 from normal_training.learning.samples import Samples
 from normal_training.learning.settings import TrainingSettings
 
-__all__ = ["Angles", "Trained", "judged", "train"]
-
 #: Called with the steps done since the last call, and a line when there is something to say.
 Tell = Callable[[int, str], None]
 

@@ -18,8 +18,6 @@ from normal_training.learning.networks.network import Answer
 from normal_training.learning.samples import Batch
 from normal_training.learning.settings import LossWeights
 
-__all__ = ["AllPixels", "Pixels", "chord", "counted_pixels", "expected", "steps", "total"]
-
 #: At half the photo's resolution, where small folds are seen, the next pixel.
 _SPACING_PX = 2
 

@@ -16,8 +16,6 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-__all__ = ["Muon", "orthogonal"]
-
 _MOMENTUM = 0.95
 _ADAM_MEANS = (0.9, 0.95)
 _RMS = 0.2

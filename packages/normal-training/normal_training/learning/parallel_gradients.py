@@ -13,8 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 import torch
 from torch import Tensor, nn
 
-__all__ = ["LANES", "Lanes"]
-
 LANES = 2
 """Parts that a batch is divided into."""
 

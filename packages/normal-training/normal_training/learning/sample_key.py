@@ -7,8 +7,6 @@ from pathlib import Path
 from harness.core.array_files.npz import read_array_npz
 from harness.core.errors import DataError
 
-__all__ = ["stored_key"]
-
 
 def stored_key(path: Path) -> str:
     """The content id in a file of training samples; empty if it is absent, damaged or another's."""

@@ -15,8 +15,6 @@ from harness.core.array_files.npz import read_required_arrays
 from harness.core.errors import DataError
 from harness.geometry.window import Window
 
-__all__ = ["NORMALS", "Arrays", "Batch", "Samples", "batch_of", "read_samples", "stacked"]
-
 Arrays = dict[str, np.ndarray]
 """Of one subject, or of a window of one of its samples."""
 

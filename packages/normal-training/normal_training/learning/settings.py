@@ -5,16 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-__all__ = [
-    "LARGER",
-    "FaultShares",
-    "LossWeights",
-    "NetworkPart",
-    "TrainingSettings",
-    "Turning",
-    "Windows",
-]
-
 #: How many times as large as the first network the second one sees a photo: 3 pixels for 2.
 LARGER = 1.5
 

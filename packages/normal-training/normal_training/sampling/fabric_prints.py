@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-__all__ = ["printed"]
-
 _ELEMENTS = (6, 28)
 _SIZE = (0.01, 0.09)
 _STRIPES_SHARE, _LETTERS_SHARE = 0.35, 0.25

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     # PyTorch takes seconds to import; 'harness train --help' must not wait for it.
     from normal_training.learning.first_answers import FirstAnswers
 
-__all__ = ["SampleFiles", "ensure_samples", "with_first_answers"]
-
 _WORKER = "normal_training.sampling.sample_worker"
 _SAMPLES, _ANSWERS = "samples", "first answers"
 

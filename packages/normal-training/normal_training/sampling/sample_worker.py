@@ -10,8 +10,6 @@ from harness.core.process.workers import worker_main
 from harness.pipeline.inputs.sources import Source
 from normal_training.sampling.samples import SampleSettings, make_samples
 
-__all__ = ["SampleJob", "handle"]
-
 
 @dataclass(frozen=True, slots=True)
 class SampleJob:

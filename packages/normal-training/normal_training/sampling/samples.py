@@ -47,16 +47,6 @@ from normal_training.sampling.shading import Shading, averaged, shaded
 from normal_training.sampling.viewpoint import PhotoSize, drawn_camera
 from renderers.protocol import texture_of
 
-__all__ = [
-    "SAMPLES_VERSION",
-    "PrintPair",
-    "SampleSettings",
-    "Studio",
-    "make_samples",
-    "samples_key",
-]
-
-
 SAMPLES_VERSION = 3
 """Changes whenever any output does."""
 

@@ -14,8 +14,6 @@ from harness.geometry.raycast import Raycaster
 from harness.geometry.texture import texture_at
 from normal_training.learning.variations.light import Gloss, Lamp, Light, sky_and_ground
 
-__all__ = ["Shading", "averaged", "shaded"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shading:

@@ -16,9 +16,6 @@ from harness.core.arrays import Floats
 from harness.core.cameras.camera import Camera, look_at
 from harness.geometry.window import Window
 
-__all__ = ["PhotoSize", "drawn_camera"]
-
-
 _NEAR_AXIS = 0.5
 _YAW_DEG, _PITCH_DEG, _ROLL_DEG = 15.0, 6.0, 2.0
 _STEEP = 0.3

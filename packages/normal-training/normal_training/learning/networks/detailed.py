@@ -16,8 +16,6 @@ from normal_training.learning.networks.folds import BLUR_PX, StrongerFolds
 from normal_training.learning.networks.network import CHANNELS, Answer, Averaged, NormalNetwork
 from normal_training.learning.settings import LARGER
 
-__all__ = ["Detailed", "FirstLook", "reduced_normals"]
-
 #: Pixels of the small picture for pixels of the large one.
 _OUT, _IN = 2, 3
 #: Sides of the large picture are multiples of this, so that both networks' are multiples of theirs.

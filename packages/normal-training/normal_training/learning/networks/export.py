@@ -23,8 +23,6 @@ from normal_training.learning.networks.network import Answer
 from normal_training.learning.networks.starting import HALF
 from normal_training.learning.networks.transposed import with_plain_convolutions
 
-__all__ = ["export_network"]
-
 _INPUTS = {"image": 3, "mask": 1, "body_front": 3, "body_back": 3}
 _OUTPUTS = Answer._fields
 #: Smaller tensors are left as they are.

@@ -13,8 +13,6 @@ import math
 import torch
 from torch import Tensor, nn
 
-__all__ = ["BLUR_PX", "StrongerFolds"]
-
 #: Standard deviation of the blur: 15 mm on a subject that fills 512 pixels, as ``metrics.folds``.
 BLUR_PX = 4.0
 #: How far it reaches, in standard deviations.

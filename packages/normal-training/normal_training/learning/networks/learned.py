@@ -16,8 +16,6 @@ from normal_training.learning.samples import Batch
 from normal_training.learning.settings import TrainingSettings
 from normal_training.learning.variations.drawing import corner
 
-__all__ = ["Alone", "Learned", "Together", "answered"]
-
 #: A reduced pixel's normal is asked for if so much of the pixel knows one.
 _HALF = 0.5
 

@@ -18,8 +18,6 @@ from torch import Tensor, nn
 from methods.normals.window import MULTIPLE
 from normal_training.learning.networks.folds import StrongerFolds
 
-__all__ = ["CHANNELS", "Answer", "Averaged", "Block", "NormalNetwork"]
-
 #: Image, mask, body front and back.
 CHANNELS = 3 + 1 + 3 + 3
 #: Both sides' normals, and the logarithms of their expected errors.

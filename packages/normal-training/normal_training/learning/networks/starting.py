@@ -13,8 +13,6 @@ from harness.core.errors import DataError
 from methods.parts.onnx_files import read_network
 from normal_training.learning.networks.network import Block, NormalNetwork
 
-__all__ = ["HALF", "blended", "both_started_from", "network_from", "started_from"]
-
 #: How the network of the whole picture is called within the one that is exported, alone and before
 #: another one, and how that one is.
 _ALONE, _WHOLE, _DETAIL = "network.", "first.whole.network.", "detail."

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["with_plain_convolutions"]
-
 _KIND = "ConvTranspose"
 #: Every picture is enlarged so many times.
 _TIMES = 2

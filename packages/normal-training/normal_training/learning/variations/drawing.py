@@ -27,8 +27,6 @@ from normal_training.learning.variations.photo_faults import spoilt
 from normal_training.learning.variations.relighting import relit
 from normal_training.learning.variations.turning import Placement, drawn_placement
 
-__all__ = ["Lit", "Picked", "corner", "drawn", "pick", "varied"]
-
 #: A pixel of a turned mask is inside if so much of it is.
 _COVERED = 0.5
 _LIT = ("albedo", "lights", "coverage")

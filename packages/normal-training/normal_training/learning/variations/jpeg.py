@@ -13,8 +13,6 @@ import math
 import torch
 from torch import Tensor
 
-__all__ = ["compressed"]
-
 _SIDE = 8
 #: Steps of the cosines of brightness and of colour at quality 50.
 _BRIGHT = (

@@ -16,22 +16,6 @@ from harness.core.arrays import Bytes, Floats
 from harness.core.cameras.camera import Camera
 from harness.geometry.images import srgb_from_linear
 
-__all__ = [
-    "LAMPS",
-    "Gloss",
-    "Lamp",
-    "Light",
-    "drawn_gloss",
-    "drawn_lamp",
-    "drawn_lamp_colour",
-    "drawn_light",
-    "light_of",
-    "packed_lights",
-    "photographed",
-    "sky_and_ground",
-]
-
-
 LAMPS = 2
 """Number of lamps whose light is stored with a photo."""
 

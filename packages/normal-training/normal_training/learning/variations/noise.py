@@ -5,8 +5,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["noise_like"]
-
 
 def noise_like(values: Tensor, draw: torch.Generator) -> Tensor:
     """Normal noise of the shape of some values, on their device.

@@ -14,8 +14,6 @@ from normal_training.learning.settings import FaultShares
 from normal_training.learning.variations.jpeg import compressed
 from normal_training.learning.variations.noise import noise_like
 
-__all__ = ["spoilt"]
-
 _BLUR_PX = (0.4, 1.3)
 _SMALLER = (0.4, 0.85)
 _GRAIN = (0.01, 0.06)

@@ -15,8 +15,6 @@ from harness.geometry.images import linear_from_srgb
 from normal_training.learning.variations.light import Lamp, Light, drawn_lamp_colour, light_of
 from normal_training.learning.variations.noise import noise_like
 
-__all__ = ["developed", "relit", "unpacked_lights"]
-
 #: Share of the lamps that shine.
 _SHINING = 0.7
 _NOWHERE = np.zeros((0, 3))

@@ -13,8 +13,6 @@ from torch import Tensor
 
 from normal_training.learning.settings import Turning
 
-__all__ = ["Placement", "drawn_placement"]
-
 #: A blend of normals and of nothing is a normal where at least half of it is.
 _LEAST_LENGTH = 0.5
 
