@@ -126,7 +126,9 @@ def load_rgb(path: Path, content: bytes | None = None) -> Bytes:
     Raises:
         DataError: no such file, not a complete picture, or one of more than ``MOST_PIXELS``.
     """
-    return _read(path, _TEXTURE_FORMATS, lambda image: np.asarray(eight_bit(image, "RGB")), content)
+    return read_picture(
+        path, _TEXTURE_FORMATS, lambda image: np.asarray(eight_bit(image, "RGB")), content
+    )
 
 
 def eight_bit(image: Image, mode: Literal["L", "RGB", "RGBA"]) -> Image:
@@ -156,7 +158,7 @@ def check_picture(path: Path) -> str:
 
     For programs of others that read the picture themselves. Raises as ``load_rgb``.
     """
-    return _read(path, _TEXTURE_FORMATS, lambda image: image.mode)
+    return read_picture(path, _TEXTURE_FORMATS, lambda image: image.mode)
 
 
 def _open_png(path: Path) -> Image:
@@ -165,9 +167,9 @@ def _open_png(path: Path) -> Image:
         return image
 
     # Checks every chunk's checksum, which decoding does not, and leaves the file unusable.
-    _read(path, ("PNG",), lambda image: image.verify())
+    read_picture(path, ("PNG",), lambda image: image.verify())
     _check_end(path)
-    return _read(path, ("PNG",), loaded)
+    return read_picture(path, ("PNG",), loaded)
 
 
 def _check_end(path: Path) -> None:
@@ -177,7 +179,7 @@ def _check_end(path: Path) -> None:
             raise _incomplete(path, ("PNG",), "the file ends before its last chunk")
 
 
-def _read(
+def read_picture(
     path: Path,
     formats: tuple[str, ...],
     use: Callable[[Image], Result],

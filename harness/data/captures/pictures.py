@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import struct
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -20,7 +18,7 @@ from harness.core.errors import DataError
 from harness.core.files.reach import inside
 from harness.data.captures.lens import Lens, undistortion_map
 from harness.data.captures.views import ForeignView
-from harness.geometry.images import MOST_PIXELS, eight_bit, resampled
+from harness.geometry.images import eight_bit, read_picture, resampled
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -266,7 +264,7 @@ def read_photo(
         reading: How camera and mask lie on it; the first that fits by default.
 
     Raises:
-        DataError: not a complete picture, or of another shape than its camera or mask.
+        DataError: not a complete image, or of another shape than its camera or mask.
     """
     reading = reading or fitting_readings(path, view, mask)[0]
     rgba, turn = _opened(path, lambda image: np.asarray(eight_bit(image, "RGBA")))
@@ -365,7 +363,7 @@ def picture_facts(path: Path) -> PictureFacts:
         turn = _TURNS.get(exif.get(_ORIENTATION, 1), Turn())
         return PictureFacts(turn.size(image.size) if _is_turned(image) else image.size, turn, field)
 
-    return _read(path, facts)
+    return read_picture(path, _FORMATS, facts)
 
 
 def _is_turned(image: Image) -> bool:
@@ -377,37 +375,11 @@ def _opened(path: Path, read: Callable[[Image], NDArray[Any]]) -> tuple[NDArray[
     """What ``read`` makes of a picture, (H, W) or (H, W, C), as stored; and how it is turned."""
 
     def content(image: Image) -> tuple[NDArray[Any], Turn]:
-        if image.width * image.height > MOST_PIXELS:
-            raise DataError(
-                f"{path} has too many pixels",
-                expected=f"at most {MOST_PIXELS}",
-                got=f"{image.width} x {image.height}",
-                hint="Make the photos smaller",
-            )
         turn = _TURNS.get(image.getexif().get(_ORIENTATION, 1), Turn())
         pixels = read(image)
         return (turn.stored(pixels) if _is_turned(image) else pixels), turn
 
-    return _read(path, content)
-
-
-def _read(path: Path, use: Callable[[Image], Result]) -> Result:
-    """What ``use`` makes of an opened picture."""
-    from PIL import Image
-
-    try:
-        with Image.open(path, formats=_FORMATS) as image:
-            return use(image)
-    except FileNotFoundError as error:
-        raise DataError(f"no photo at {path}") from error
-    # Pillow's decoders raise whatever a damaged file leads them to.
-    except (ArithmeticError, LookupError, OSError, RuntimeError, SyntaxError, TypeError, ValueError,
-            struct.error, zlib.error, Image.DecompressionBombError) as error:  # fmt: skip
-        raise DataError(
-            f"{path} is not a complete picture",
-            expected=", ".join(_FORMATS),
-            got=f"{type(error).__name__}: {error}",
-        ) from error
+    return read_picture(path, _FORMATS, content)
 
 
 def _same_shape(size: Sequence[int], other: Sequence[int]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -204,13 +204,13 @@ def _reading(
     Cameras are of stored pictures where both fit alike, since most programs see these.
     """
     fits = _of_each(photos, lambda photo: fitting_readings(photo.path, photo.view, photo.mask))
-    asked = (rules.camera_shown, rules.mask_shown)
-    allowed = [
+    common = [
         reading
         for reading in READINGS
-        if all(want in (None, own) for want, own in zip(asked, astuple(reading), strict=True))
+        if rules.camera_shown in (None, reading.camera_shown)
+        and rules.mask_shown in (None, reading.mask_shown)
+        and all(reading in fit for fit in fits)
     ]
-    common = [reading for reading in allowed if all(reading in fit for fit in fits)]
     if not common:
         raise DataError(
             "no one reading of photos that their files turn fits all sizes",

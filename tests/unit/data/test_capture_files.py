@@ -709,7 +709,7 @@ def test_what_lies_behind_a_cut_out_does_not_bleed_into_it(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n1234"])
 def test_a_damaged_photo_is_told(tmp_path, content):
     (tmp_path / "p.png").write_bytes(content)
-    with pytest.raises(DataError, match="not a complete picture"):
+    with pytest.raises(DataError, match="not a complete image"):
         read_photo(tmp_path / "p.png", ForeignView("p.png", camera()))
 
 
