@@ -70,7 +70,8 @@ class Turn:
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of one of both, of the other's."""
-        return size[::-1] if self.quarters % 2 else size
+        width, height = size
+        return (height, width) if self.quarters % 2 else size
 
 
 #: By EXIF's number.

@@ -201,7 +201,8 @@ def _reading(
 ) -> tuple[Reading, list[str]]:
     """What cameras and masks of turned photos are of: sizes tell, else what agrees, else nothing.
 
-    Cameras are of stored pictures where both fit alike, since most programs see these.
+    Where cameras fit both alike, that one is taken in which what a photo's file says is up is up,
+    and else the stored picture, since most programs see these.
     """
     fits = _of_each(photos, lambda photo: fitting_readings(photo.path, photo.view, photo.mask))
     common = [
@@ -217,8 +218,9 @@ def _reading(
             expected="cameras, and masks, all of stored pictures or all of what viewers show",
             hint="Save the photos without an orientation tag, with cameras and masks of them",
         )
-    turned = [photo for photo in photos if picture_facts(photo.path).turn.moves]
-    masked = any(photo.mask for photo in turned)
+    turns = [(photo, picture_facts(photo.path).turn) for photo in photos]
+    turned = [(photo, turn) for photo, turn in turns if turn.moves]
+    masked = any(photo.mask for photo, _ in turned)
     # Those that differ: masks of photos that are not turned, or have none, are the same either way.
     common = [r for r in common if turned or r == common[0]]
     common = [r for r in common if masked or r.mask_shown == common[0].mask_shown]
@@ -226,10 +228,12 @@ def _reading(
         return common[0], []
     scores = {reading: _agreement(photos, up, reading, maker) for reading in common}
     close = [r for r in common if scores[r] > max(scores.values()) - _TIED]
-    found = [r for r in close if r.camera_shown == close[0].camera_shown]
+    upright = [(turn.quarters, quarters_upright(p.view.camera, up)) for p, turn in turned]
+    best = max(close, key=lambda r: sum(w == (0 if r.camera_shown else q) for q, w in upright))
+    found = [r for r in close if r.camera_shown == best.camera_shown]
     if len(found) > 1:
         raise DataError(
-            f"masks fit {listed([photo.name for photo in turned])} both as the files store them "
+            f"masks fit {listed([photo.name for photo, _ in turned])} both as the files store them "
             "and as viewers show them",
             hint="Say --mask-orientation stored or shown, or save the photos without an "
             "orientation tag",

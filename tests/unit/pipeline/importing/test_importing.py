@@ -32,6 +32,7 @@ from harness.pipeline.inputs.view_choice import views_for
 from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture
 from methods.hull import HullSettings, VisualHull
 from tests.unit.data.test_capture_files import save_turned, stored_as
+from tests.unit.pipeline.importing.conftest import photographed
 
 #: The front is -Y where the world has +Z up, and +Z where it has +Y up, as COLMAP's files here.
 FRONT = {"colmap-binary": "+z", "colmap-text": "+z", "nerfstudio": "-y", "published": "-y"}
@@ -364,6 +365,23 @@ def test_turned_photos_and_their_masks_are_read_as_they_agree(
         np.testing.assert_allclose(capture.cameras[view].K, true.K, atol=1e-9)
         found, drawn = (load_rgba(c.image_path(view))[..., 3] for c in (capture, native))
         np.testing.assert_array_equal(found, drawn)
+
+
+def test_level_cameras_see_the_person_upright(tmp_path):
+    """They would see one who stands upside-down as well; the photos' files say what is up.
+
+    Of masks that fit both ways nothing tells, and one is asked.
+    """
+    level = photographed(tmp_path / "level", RingRig(views=6, radius_m=3.0, lens_mm=50.0))
+    folder = turned_set(level, tmp_path / "out", 4, mask_shown=True)
+    asked = replace(request(folder, tmp_path / "in", origin="file"), up="+y")
+    asked = replace(asked, masks=str(folder / "masks"))
+    with pytest.raises(DataError, match="--mask-orientation stored or shown"):
+        import_photos(asked, silent)
+    asked = replace(asked, mask_orientation="shown")
+    capture = Capture.load(import_photos(asked, silent).path)
+    found, drawn = (load_rgba(c.image_path(1))[..., 3] for c in (capture, level))
+    np.testing.assert_array_equal(found, drawn)
 
 
 def test_masks_that_fit_both_ways_are_asked_about(native, tmp_path):
