@@ -46,10 +46,11 @@ def ply_pictures(path: Path, *folders: Path) -> list[Path]:
 def why_converted(path: Path, *folders: Path) -> str:
     """Why an OBJ cannot be read where it lies, in words; empty if it can, or cannot be read at all.
 
-    It can if all its faces show one picture as it is, of a usual kind, that lies beside it.
+    It can if all its faces show one picture as it is, of a usual kind, and names nothing elsewhere.
     """
     try:
-        found = materials_of(path, *folders).only_picture(*folders)
+        materials = materials_of(path, *folders)
+        found = materials.only_picture(*folders)
         if not isinstance(found, Picture):
             return f"{path.stem} does not show one picture all over, but {found}"
         if not re.search(rb"[\r\n][ \t]*vt[ \t]", path.read_bytes()):
@@ -58,9 +59,10 @@ def why_converted(path: Path, *folders: Path) -> str:
     except DataError:
         # Nor can it be converted: whoever reads it says why.
         return ""
-    beside = found.path.parent == path.parent
+    beside = all(file.parent == path.parent for file in (found.path, *materials.files))
     if beside and found.path.suffix.lower() in APPEARANCE_SUFFIXES and mode in _MODES:
         return ""
     return (
-        f"{path.stem} has a picture {found.path.name} elsewhere, or of another kind (mode {mode})"
+        f"{path.stem} has a picture {found.path.name} of another kind (mode {mode}), or it or its "
+        "material file lies elsewhere"
     )

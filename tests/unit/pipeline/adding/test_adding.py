@@ -168,9 +168,9 @@ def test_a_tree_is_read_where_it_lies_or_copied(place):
          "but material0.png, other.png"),
         ("newmtl a\nmap_Kd -s 2 2 material0.png\n", ("a",), "but material0.png by -s or -o"),
         ("newmtl a\nmap_Kd material0.png\n", ("a", "ghost"), "ghost, which is not defined"),
-        ("newmtl a\nmap_Kd cmyk.jpg\n", ("a",), "a picture cmyk.jpg elsewhere, or of another kind"),
-        ("newmtl a\nmap_Kd ../other.png\n", ("a",), "a picture other.png elsewhere"),
-        ("newmtl a\nmap_Kd material0.tga\n", ("a",), "a picture material0.tga elsewhere, or of"),
+        ("newmtl a\nmap_Kd cmyk.jpg\n", ("a",), "a picture cmyk.jpg of another kind (mode CMYK)"),
+        ("newmtl a\nmap_Kd ../other.png\n", ("a",), "other.png of another kind (mode RGB), or"),
+        ("newmtl a\nmap_Kd material0.tga\n", ("a",), "a picture material0.tga of another kind"),
         ("newmtl a\nmap_Kd material0.png\n", ("a", "a"), ""),
         ("newmtl a\nmap_Kd material0.png\n", (), ""),
     ],
@@ -190,11 +190,11 @@ def test_a_tree_of_other_scans_than_one_picture_is_converted_and_says_so(place, 
     (folder / "0001.obj").write_text("\n".join(rows) + "\n")
     code, out = harness("data", "add", "mine", "in", *GIVEN)
     assert code == 0, out
+    assert added(place, "mine", "0001")[0].root == ("data/mine" if reason else "in")
     if reason:
         assert re.search(f"converted: 0001 .*{re.escape(reason)}", out), out
     else:
         assert "read where they lie" in out
-    assert added(place, "mine", "0001")[0].root == ("data/mine" if reason else "in")
     # A manifest that was written by hand is not more lenient.
     entry = (
         MANIFEST.replace("kind: thuman", "kind: scans")
@@ -203,8 +203,22 @@ def test_a_tree_of_other_scans_than_one_picture_is_converted_and_says_so(place, 
     )
     (place / "own.yaml").write_text(entry)
     code, out = harness("data", "check", "toy", "--manifest", "own.yaml")
-    if "," in reason and "elsewhere" not in reason:
+    if "," in reason and "kind" not in reason:
         assert (code, "'harness data add' makes one picture of several" in out) == (1, True), out
+
+
+def test_a_tree_with_materials_in_another_folder_is_converted(place):
+    put_obj(place / "in" / "a" / "a.obj", box_person())
+    (place / "in" / "materials").mkdir()
+    (place / "in" / "a" / "material0.mtl").rename(place / "in" / "materials" / "material0.mtl")
+    path = place / "in" / "a" / "a.obj"
+    path.write_text(path.read_text().replace("mtllib ", "mtllib ../materials/"))
+    code, out = harness("data", "add", "mine", "in", *GIVEN)
+    assert (code, "its material file lies elsewhere" in out) == (0, True), out
+    path.write_text(path.read_text().replace("mtllib ", "mtllib ../"))
+    (place / "in" / "materials").rename(place / "materials")
+    code, out = harness("data", "add", "mine", "in", *GIVEN, "--replace")
+    assert (code, "outside the folders that were given" in out) == (1, True), out
 
 
 def test_a_picture_that_is_missing_is_no_reason_to_convert_a_tree(place):
