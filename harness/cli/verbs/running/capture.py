@@ -11,6 +11,7 @@ from harness.cli.display import shown_progress
 from harness.cli.options import Json, Timeout, WorkspacePath, limit_s
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
+from harness.core.formats.typed_json import to_json
 from harness.core.plain_text import plain_text
 from harness.data.captures.pictures import photo_folder
 from harness.data.captures.reading import find_cameras
@@ -169,7 +170,7 @@ def import_photos(
     with shown_progress(quiet=as_json) as progress:
         made = import_capture(request, progress, limit_s(timeout))
     if as_json:
-        print_json({"name": subject, **made.to_dict()})
+        print_json({"name": subject, **to_json(made)})
         return
     print(f"{subject}: {made.views} photos in {made.directory}")
     for line in made.notes:

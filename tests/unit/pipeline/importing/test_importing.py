@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
+from harness.cli.main import app
 from harness.core.artifacts import Capture
 from harness.core.cameras.camera import Camera
 from harness.core.cameras.frames import write_colmap
@@ -139,6 +141,16 @@ def person_height():
         min(centre[1] - radii[1] for centre, radii in PARTS),
         max(centre[1] + radii[1] for centre, radii in PARTS),
     )
+
+
+def test_the_command_imports_in_a_process_of_its_own(native, tmp_path):
+    folder = exported(native, tmp_path / "out")
+    words = ["capture", "import", f"{folder}", "--name", "t", "--scale", "1", "--facing", "+z",
+             "--workspace", f"{tmp_path}", "--json"]  # fmt: skip
+    told = CliRunner().invoke(app, words)
+    assert told.exit_code == 0, told.output
+    made = json.loads(told.stdout)
+    assert (made["name"], made["views"], made["warnings"]) == ("t", 8, [])
 
 
 # Doubts
