@@ -13,7 +13,7 @@ from harness.core.process.steps import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgba, save_png
-from renderers.blender.scene import describe, vertices_in_blender
+from renderers.blender.scene import RenderJob, describe, vertices_in_blender
 from renderers.protocol import RenderOutcome, texture_of
 
 _WORKER = "renderers.blender.worker"
@@ -42,12 +42,7 @@ class BlenderRenderer:
             )
             answer = run_worker(
                 blender.worker(_WORKER),
-                {
-                    "scene": scene.to_dict(),
-                    "mesh": str(arrays),
-                    "texture": str(texture.resolve()),
-                    "directory": folder,
-                },
+                RenderJob(scene, arrays, texture.resolve(), Path(folder)),
                 progress=progress,
             )
             for view in scene.views:

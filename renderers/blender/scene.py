@@ -9,9 +9,8 @@ Before: ``harness/data/scans.py``. After: ``methods/hull.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,24 +135,22 @@ class Scene:
     ambient: float
     diffuse_bounces: int = 2
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values; ``Scene.from_dict`` reads them back."""
-        return asdict(self)
 
-    @classmethod
-    def from_dict(cls, value: Mapping[str, Any]) -> Scene:
-        """The scene that ``to_dict`` wrote."""
-        views = tuple(
-            BlenderView(
-                file=view["file"],
-                camera=BlenderCamera(**view["camera"]),
-                key_light=KeyLight(**view["key_light"]) if view["key_light"] else None,
-                border=tuple(view["border"]) if view["border"] else None,
-                seed=view["seed"],
-            )
-            for view in value["views"]
-        )
-        return cls(**{**value, "views": views})
+@dataclass(frozen=True, slots=True)
+class RenderJob:
+    """A scene, and where its files lie.
+
+    Attributes:
+        scene: What is rendered.
+        mesh: .npz with vertices in Blender's axes, faces, and texture coordinates by corner.
+        texture: The picture on it.
+        folder: Receives the pictures.
+    """
+
+    scene: Scene
+    mesh: Path
+    texture: Path
+    folder: Path
 
 
 def describe(mesh: Mesh, recipe: RenderRecipe) -> Scene:

@@ -8,7 +8,7 @@ Started by ``job`` in a separate process; the only module of the renderers that 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,27 +17,27 @@ import numpy as np
 
 from harness.core.errors import DataError
 from harness.core.process.workers import worker_main
-from renderers.blender.scene import BlenderView, KeyLight, Scene
+from renderers.blender.scene import BlenderView, KeyLight, RenderJob, Scene
 
 #: In order of preference.
 _GPU_KINDS = ("OPTIX", "CUDA", "HIP", "METAL", "ONEAPI")
 
 
-def handle(job: Mapping[str, Any], progress: Callable[[int, int], None]) -> dict[str, object]:
-    """Render every view of ``job["scene"]`` below ``job["directory"]``; returns the device."""
-    description = Scene.from_dict(job["scene"])
+def handle(job: RenderJob, progress: Callable[[int, int], None]) -> dict[str, object]:
+    """Render every view of a scene; returns the device."""
+    description = job.scene
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     device = _choose_device(scene)
     _set_quality(scene, description)
     _set_output(scene, description)
     _set_world(scene, description.ambient)
-    _add_mesh(scene, Path(job["mesh"]), _textured_material(Path(job["texture"])))
+    _add_mesh(scene, job.mesh, _textured_material(job.texture))
     camera, light = _add_camera(scene), _add_light(scene)
     for done, view in enumerate(description.views):
         _point(scene, camera, view)
         _aim(light, view.key_light)
-        scene.render.filepath = str(Path(job["directory"], view.file))
+        scene.render.filepath = str(job.folder / view.file)
         bpy.ops.render.render(write_still=True)
         progress(done + 1, len(description.views))
     return {"device": device}

@@ -10,6 +10,7 @@ from harness.core.cameras.camera import Camera, look_at
 from harness.core.cameras.frames import BLENDER_TO_WORLD
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
+from harness.core.formats.typed_json import from_json, to_json
 from renderers.blender.scene import BlenderCamera, Scene, describe, vertices_in_blender
 
 
@@ -43,9 +44,8 @@ def test_a_camera_that_blender_lacks_is_refused():
 
 def test_the_scene_survives_json(figure, recipe):
     scene = describe(figure, recipe)
-    written = json.dumps(scene.to_dict())
-    again = Scene.from_dict(json.loads(written))
-    assert json.dumps(again.to_dict()) == written
+    again = from_json(Scene, json.loads(json.dumps(to_json(scene))), "the job", "a scene")
+    assert again == scene
     assert again.views[1].border == scene.views[1].border
     assert [view.file for view in again.views] == ["rgb/00.png", "rgb/01.png", "rgb/02.png"]
 

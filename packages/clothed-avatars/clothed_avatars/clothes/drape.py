@@ -157,7 +157,7 @@ def _solve(
             fabric = ClothFabric(piece.fabric.stiffness, piece.fabric.surplus, quality)
             garments.append(GarmentJob(file, out, fabric))
         job = DrapeJob(folder, folder / "body.npz", tuple(garments))
-        run_worker(find_blender().worker(_WORKER), job.to_dict(), progress=progress)
+        run_worker(find_blender().worker(_WORKER), job, progress=progress)
         return [np.load(garment.out).astype(float) for garment in garments]
 
 

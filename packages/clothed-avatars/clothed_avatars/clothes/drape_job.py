@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +35,6 @@ class GarmentJob:
     out: Path
     fabric: ClothFabric
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> GarmentJob:
-        """The garment behind ``DrapeJob.to_dict``."""
-        return cls(Path(values["file"]), Path(values["out"]), ClothFabric(**values["fabric"]))
-
 
 @dataclass(frozen=True, slots=True)
 class DrapeJob:
@@ -56,17 +49,3 @@ class DrapeJob:
     folder: Path
     body: Path
     garments: tuple[GarmentJob, ...]
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain JSON values."""
-        garments = [
-            {"file": str(each.file), "out": str(each.out), "fabric": asdict(each.fabric)}
-            for each in self.garments
-        ]
-        return {"folder": str(self.folder), "body": str(self.body), "garments": garments}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> DrapeJob:
-        """The job behind ``to_dict``."""
-        garments = tuple(GarmentJob.from_dict(each) for each in values["garments"])
-        return cls(Path(values["folder"]), Path(values["body"]), garments)

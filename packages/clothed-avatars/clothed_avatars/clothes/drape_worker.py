@@ -9,7 +9,6 @@ Garments are draped one after the other, the inner first; each becomes an obstac
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -109,23 +108,22 @@ def _solve(
     return np.array(positions)
 
 
-def drape(job: dict[str, Any], tick: StepReport) -> dict[str, object]:
+def drape(job: DrapeJob, tick: StepReport) -> dict[str, object]:
     """Drape the garments of a ``DrapeJob`` and write the last two frames of each."""
-    asked = DrapeJob.from_dict(job)
-    with np.load(asked.body) as body:
+    with np.load(job.body) as body:
         frames = len(body["frames"])
-        _add_obstacle("body", _to_blender(body["frames"]), body["faces"], _BODY_GAP_M, asked.folder)
+        _add_obstacle("body", _to_blender(body["frames"]), body["faces"], _BODY_GAP_M, job.folder)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, frames
-    for k, garment in enumerate(asked.garments):
+    for k, garment in enumerate(job.garments):
         with np.load(garment.file) as cloth:
             motion, faces, pin = _to_blender(cloth["frames"]), cloth["faces"], cloth["pin"]
-        item = _animated_mesh(f"cloth{k}", motion, faces, asked.folder)
+        item = _animated_mesh(f"cloth{k}", motion, faces, job.folder)
         _add_cloth(item, pin, garment.fabric, frames)
-        solved = _solve(item, frames, tick, k * frames, len(asked.garments) * frames)
+        solved = _solve(item, frames, tick, k * frames, len(job.garments) * frames)
         bpy.data.objects.remove(item)
         np.save(garment.out, _from_blender(solved[-2:]))
-        _add_obstacle(f"obstacle{k}", solved, faces, _CLOTH_OBSTACLE_GAP_M, asked.folder)
+        _add_obstacle(f"obstacle{k}", solved, faces, _CLOTH_OBSTACLE_GAP_M, job.folder)
     return {"frames": frames, "blender": bpy.app.version_string}
 
 
