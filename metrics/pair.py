@@ -208,11 +208,25 @@ def cut_below(mesh: Mesh, low_m: float) -> Mesh:
     Raises:
         DataError: nothing does.
     """
-    import trimesh
-
-    plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    cut = trimesh.intersections.slice_mesh_plane(plain, [0, 1, 0], [0, low_m, 0])
-    return Mesh(vertices=cut.vertices, faces=cut.faces, source=f"{mesh.source}, cut")
+    vertices, faces = mesh.vertices, mesh.faces
+    above = vertices[faces][..., 1] > low_m
+    pieces = [vertices[faces[above.all(axis=1)]]]
+    for kept in (1, 2):
+        chosen = np.flatnonzero(above.sum(axis=1) == kept)
+        # The corner that is alone on its side comes first, the others in their order.
+        alone = (above[chosen] if kept == 1 else ~above[chosen]).argmax(axis=1)
+        a, b, c = (vertices[faces[chosen, (alone + k) % 3]] for k in range(3))
+        ab, ac = (
+            a + ((low_m - a[:, 1]) / (end[:, 1] - a[:, 1]))[:, None] * (end - a) for end in (b, c)
+        )
+        triangles = [(a, ab, ac)] if kept == 1 else [(ab, b, c), (ab, c, ac)]
+        pieces += [np.stack(corners, axis=1) for corners in triangles]
+    corners = np.concatenate(pieces).reshape(-1, 3)
+    return Mesh(
+        vertices=corners,
+        faces=np.arange(len(corners)).reshape(-1, 3),
+        source=f"{mesh.source}, cut at {low_m:g} m",
+    )
 
 
 def thinned(points: Floats, cell_m: float) -> Floats:

@@ -106,6 +106,13 @@ _ALL = (
         ),
     ),
     MetricProtocol(
+        *("volume", 1, 30_000, "independent"),
+        summary=(
+            Column("volume_iou", "volume", unit="ratio", higher=True),
+            Column("box_iou", "boxes", unit="ratio", higher=True),
+        ),
+    ),
+    MetricProtocol(
         *("dtu", 1, 30_000, "independent"),
         drop_beyond=0.02,
         summary=(

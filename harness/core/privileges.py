@@ -15,6 +15,9 @@ class Privilege(StrEnum):
     EXACT_MASKS = "exact_masks"
     SUBJECT_CENTRE = "subject_centre"
     GENERATOR_PRIOR = "generator_prior"
+    TRUE_BODY = "true_body"
+    TRUE_NORMALS = "true_normals"
+    ALIGNED = "aligned_to_the_scan"
     ORACLE_NORMALS = "oracle_normals"
     GROUND_TRUTH_MESH = "ground_truth_mesh"
     MADE_ELSEWHERE = "made_elsewhere"
@@ -41,6 +44,9 @@ _SENTENCES = {
         "The body model is of the family that generated the avatars, and landmark offsets, default "
         "settings or networks were learned on training avatars; this helps on generated subjects."
     ),
+    Privilege.TRUE_BODY: "The body model's parameters that were fitted to the scan are given.",
+    Privilege.TRUE_NORMALS: "Normals of the data set are given in place of estimated ones.",
+    Privilege.ALIGNED: "The result was moved or scaled onto the scan before it was measured.",
     Privilege.ORACLE_NORMALS: "The scan's own normals are rendered into the method's views.",
     Privilege.GROUND_TRUTH_MESH: "The scan itself is given.",
     Privilege.MADE_ELSEWHERE: (

@@ -8,7 +8,7 @@ from statistics import fmean
 
 from harness.core.errors import ProtocolMismatch
 from harness.core.metric_catalog import METRICS
-from harness.core.records import Record
+from harness.core.records import ProtocolStamp, Record
 from reports.published import PUBLISHED
 from reports.tables.selection import Selection, select
 from reports.tables.table import Column, Interval, Table, cells_of, with_common_means
@@ -39,10 +39,13 @@ def geometry_table(
         ProtocolMismatch: records that are not comparable.
     """
     selection = select(records, methods, subjects)
-    columns = tuple(metric_column(metric) for metric in GEOMETRY_METRICS)
+    columns = columns_of(selection.protocol)
+    readers = {
+        column.id: partial(metric_value, metric=column.id, unit=column.unit) for column in columns
+    }
     of = len(selection.subjects)
     rows = [
-        group.row(of, cells_of(_READERS, group.by_subject, interval)) for group in selection.groups
+        group.row(of, cells_of(readers, group.by_subject, interval)) for group in selection.groups
     ]
     table = selection.table(
         name="geometry",
@@ -68,8 +71,26 @@ def metric_column(metric: str, *, ranked: bool = True) -> Column:
     )
 
 
-def metric_value(record: Record, metric: str) -> float:
-    """A record's estimate of a metric, in the metric's unit.
+def columns_of(protocol: ProtocolStamp) -> tuple[Column, ...]:
+    """The columns of a protocol's summary: MExECON's four, or what another publication prints."""
+    summary = (protocol.settings or {}).get("summary")
+    if not isinstance(summary, Sequence):
+        return tuple(metric_column(metric) for metric in GEOMETRY_METRICS)
+    return tuple(
+        Column(
+            id=each["key"],
+            title=each["key"],
+            latex_title=each["key"].replace("_", r"\_"),
+            unit=each["unit"],
+            digits=3,
+            ranked=not each["higher"],
+        )
+        for each in summary
+    )
+
+
+def metric_value(record: Record, metric: str, unit: str = "") -> float:
+    """A record's estimate of a metric, in the metric's unit of the catalogue or in another.
 
     Raises:
         ProtocolMismatch: none there, or in another unit.
@@ -84,15 +105,12 @@ def metric_value(record: Record, metric: str) -> float:
             if without_scan
             else "Evaluate it again to replace it",
         )
-    estimate, unit = record.metrics[metric], METRICS[metric].unit
+    estimate, unit = record.metrics[metric], unit or METRICS[metric].unit
     if estimate.unit != unit:
         raise ProtocolMismatch(
             f"{metric} of {where} is in another unit", expected=unit, got=estimate.unit
         )
     return estimate.value
-
-
-_READERS = {metric: partial(metric_value, metric=metric) for metric in GEOMETRY_METRICS}
 
 
 def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]:

@@ -10,11 +10,16 @@ from typing import TypeVar
 
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.atomic import write_text
+from harness.core.protocol_scores import ProtocolScores
 from harness.core.records import Record
+from harness.core.settings import MetricProtocol
+from harness.pipeline.run.result_files import MESH_FILE
+from harness.pipeline.run.store import RunStore
 from methods.catalog import METHODS
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json
+from reports.published.field import published_under
 from reports.published.table import published_differences, published_means
 from reports.statistics import bootstrap_ends
 from reports.tables.cost import cost_table
@@ -22,6 +27,7 @@ from reports.tables.geometry import geometry_table
 from reports.tables.jmbo import jmbo_table
 from reports.tables.normals import normals_table
 from reports.tables.paired import change_table, paired_table
+from reports.tables.protocols import protocols_table
 from reports.tables.regions import regions_table
 from reports.tables.table import Table
 from reports.tables.views import views_table
@@ -36,6 +42,9 @@ PUBLISHED_TABLE = "published"
 PHOTOS_TABLE, PHOTO_ERRORS_TABLE = "photos", "photo-errors"
 #: The table of several seeds' runs.
 SEEDS_TABLE = "seeds"
+#: The table of further protocols, which lie beside the records.
+PROTOCOLS_TABLE = "protocols"
+_OF_NO_RECORDS = (PUBLISHED_TABLE, PROTOCOLS_TABLE)
 #: The table of differences, subject by subject.
 PAIRED_TABLE = "paired"
 #: Tables of a run by name.
@@ -69,6 +78,7 @@ class ReportRequest:
         interval: Whether means carry a 95 % bootstrap interval over subjects.
         published: Whether the paper's printed numbers are shown below.
         paired: Whether ``PUBLISHED_TABLE`` shows differences and not means.
+        protocol: Under which ``PUBLISHED_TABLE`` shows what publications print; MExECON's if empty.
     """
 
     table: str = "geometry"
@@ -78,6 +88,7 @@ class ReportRequest:
     interval: bool = False
     published: bool = False
     paired: bool = False
+    protocol: str = ""
 
 
 def build_table(
@@ -99,8 +110,12 @@ def build_table(
     return written(_table(records, request, before), write)
 
 
-def build_published(request: ReportRequest) -> str:
+def build_published(
+    request: ReportRequest, protocol: MetricProtocol | None = None, own: Sequence[Record] = ()
+) -> str:
     """The authors' own results as text in the requested format; no run is needed.
+
+    Under a protocol of the field: what publications print, below the records of a run if given.
 
     Paired differences always carry their interval.
 
@@ -108,6 +123,8 @@ def build_published(request: ReportRequest) -> str:
         HarnessError: an unknown format, method or subject, or nothing to compare.
     """
     write = writer_of(request.format)
+    if protocol is not None:
+        return write(published_under(protocol, own))
     if request.paired:
         table = published_differences(methods=request.methods, subjects=request.subjects)
     else:
@@ -115,6 +132,24 @@ def build_published(request: ReportRequest) -> str:
             methods=request.methods, subjects=request.subjects, intervals=request.interval
         )
     return written(table, write)
+
+
+def table_of_protocols(store: RunStore, request: ReportRequest) -> Table:
+    """Each method of a run under each protocol that its meshes were measured by.
+
+    Raises:
+        HarnessError: there are no further protocols, or one was changed under its name.
+    """
+    records = store.records()
+    scores = {
+        (record.method_name, record.subject): ProtocolScores.beside(
+            store.cell(record.method_name, record.subject).directory, record.files[MESH_FILE]
+        ).scores
+        for record in records
+        if record.status == "ok" and MESH_FILE in record.files
+    }
+    methods = request.methods or _catalogue_order(records)
+    return protocols_table(records, scores, methods=methods, subjects=request.subjects)
 
 
 def writer_of(form: str) -> Callable[[Table], str]:
@@ -183,7 +218,14 @@ def _table(
     if request.table not in TABLES:
         hint = did_you_mean(
             request.table,
-            [*TABLES, PHOTOS_TABLE, PHOTO_ERRORS_TABLE, SEEDS_TABLE, PUBLISHED_TABLE],
+            [
+                *TABLES,
+                PHOTOS_TABLE,
+                PHOTO_ERRORS_TABLE,
+                SEEDS_TABLE,
+                PUBLISHED_TABLE,
+                PROTOCOLS_TABLE,
+            ],
         )
         raise HarnessError(f"unknown table '{request.table}'", hint=hint)
     if request.paired:

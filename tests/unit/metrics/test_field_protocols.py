@@ -6,15 +6,26 @@ programs are, and share nothing with ours.
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import open3d as o3d
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from harness.core.errors import DataError
 from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.mesh import Mesh
-from metrics.score import score_all
+from harness.core.protocol_stages import Alignment, Frame
+from harness.geometry.surface import SurfaceIndex
+from metrics.alignment import aligned, similarity
+from metrics.edges import EdgeIndex
+from metrics.pair import cut_below, per_metre
+from metrics.sampling import sample_surface
+from metrics.score import score, score_all
+from metrics.volume import volume_iou
 
 CASES = ("coarse", "fine", "holed", "turned")
 #: Points at which brute force over all faces is asked.
@@ -290,3 +301,135 @@ def test_sifu_gta_and_hilo_measure_distances_as_econ_does(ours):
         for name in ("sifu", "gta", "hilo"):
             assert of_case[name].metrics["chamfer"] == of_case["econ"].metrics["chamfer"]
             assert of_case[name].metrics["p2s"] == of_case["econ"].metrics["p2s"]
+
+
+def test_the_floor_of_distances_to_edges_is_a_third_of_the_inradius():
+    """On a plane of equilateral triangles with sides of 1 cm."""
+    side, count = 0.01, 60
+    i, j = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
+    vertices = np.stack([i + j / 2, j * np.sqrt(3) / 2, 0 * i], axis=-1).reshape(-1, 3) * side
+    a = (i * count + j)[:-1, :-1].ravel()
+    faces = np.concatenate(
+        [np.stack([a, a + count, a + 1], 1), np.stack([a + count, a + count + 1, a + 1], 1)]
+    )
+    surface = SurfaceIndex(Mesh(vertices=vertices, faces=faces))
+    points = sample_surface(surface, 200_000, "independent", 0).points
+    inradius = side * np.sqrt(3) / 6
+    found = EdgeIndex(surface, 5e-3).distances(points).mean()
+    assert found == pytest.approx(inradius / 3, rel=0.01)
+    whole = EdgeIndex(surface, surface.face_areas.min() * 0.999)
+    assert whole.distances(points).max() < 1e-7
+
+
+def test_the_device_frame_turns_10_24_mm_of_a_person_of_1_80_m_into_1(shapes):
+    person = SurfaceIndex(shapes.box([-0.3, -0.9, -0.1], [0.3, 0.9, 0.1]))
+    assert 100 * 0.01024 * per_metre(person, Frame("person")) == pytest.approx(1)
+    half = SurfaceIndex(shapes.box([-0.3, -0.45, -0.1], [0.3, 0.45, 0.1]))
+    assert 100 * 0.00512 * per_metre(half, Frame("person")) == pytest.approx(1)
+    assert per_metre(person, Frame("box")) == pytest.approx(2 / 1.8)
+
+
+SIMILAR = Alignment("icp", scale=True, reflection=True, iterations=200, threshold=1e-16)
+
+
+def test_icp_with_scale_recovers_a_known_similarity(shapes):
+    truth = capsule(42, 50)
+    turn = shapes.rotation(1, 0.4)
+    given = shapes.moved(truth, (0.002, -0.001, 0.001), 0.998 * turn)
+    found = aligned(given, SurfaceIndex(truth), SIMILAR)
+    moved = given.vertices @ np.array(found.matrix)[:3, :3].T + np.array(found.matrix)[:3, 3]
+    assert np.abs(moved - truth.vertices).max() < 1e-4
+    assert found.scale == pytest.approx(1 / 0.998, abs=1e-4)
+    assert not found.mirrored
+    assert found.after_mm < 0.01 < found.before_mm
+
+
+def test_a_reflection_is_found_where_it_is_allowed_and_refused_where_not():
+    points = np.random.default_rng(0).normal(size=(100, 3))
+    mirror = np.diag([1.0, 1.0, -1.0])
+    free = similarity(points, 2 * points @ mirror, scale=True, reflection=True)
+    np.testing.assert_allclose(free[:3, :3], 2 * mirror, atol=1e-12)
+    bound = similarity(points, 2 * points @ mirror, scale=True, reflection=False)
+    assert np.linalg.det(bound[:3, :3]) > 0
+    rigid = similarity(points, 2 * points @ mirror, scale=False, reflection=False)
+    assert np.linalg.det(rigid[:3, :3]) == pytest.approx(1)
+    for matrix, options in ((free, {}), (bound, {"reflection": False})):
+        theirs = trimesh.registration.procrustes(points, 2 * points @ mirror, **options)[0]
+        np.testing.assert_allclose(matrix, theirs, atol=1e-9)
+
+
+def test_the_volume_of_two_spheres(shapes):
+    """One inside the other, and two that overlap in a lens."""
+    one = SurfaceIndex(shapes.sphere(0.5, level=6))
+    inner = SurfaceIndex(shapes.sphere(0.4, level=6))
+    beside = SurfaceIndex(shapes.sphere(0.5, (0.3, 0, 0), level=6))
+    nested, lens = volume_iou(inner, one, 0), volume_iou(beside, one, 0)
+    assert nested.value == pytest.approx(0.8**3, abs=4 * nested.standard_error + 1e-3)
+    shared = np.pi * (4 * 0.5 + 0.3) * (2 * 0.5 - 0.3) ** 2 / 12
+    expected = shared / (2 * 4 / 3 * np.pi * 0.5**3 - shared)
+    assert lens.value == pytest.approx(expected, abs=4 * lens.standard_error + 1e-3)
+    assert 0 < lens.standard_error < 0.002
+
+
+def test_a_surface_with_a_hole_has_no_volume_and_leaves_the_other_protocols(shapes):
+    sphere = shapes.sphere(0.5, level=3)
+    holed = sphere.submesh(np.arange(len(sphere.faces)) > 0)
+    chosen = [FIELD_PROTOCOLS[name] for name in ("volume", "xavatar")]
+    found = score_all(holed, sphere, chosen)
+    assert isinstance(found["volume"], DataError)
+    assert "3 open edges" in str(found["volume"])
+    assert found["xavatar"].metrics["box_iou"].value == pytest.approx(1)
+
+
+def test_f_scores_of_shifted_planes_turn_at_the_shift(shapes):
+    """Points of a plane 7 mm beside another are within 10 mm of it, and not within 5."""
+    plane = shapes.square(1.0)
+    found = score(shapes.moved(plane, (0, 0, 0.007)), plane, FIELD_PROTOCOLS["points-f"])
+    values = {key: metric.value for key, metric in found.metrics.items()}
+    assert values["f_5mm"] == 0
+    assert values["f_10mm"] > 99
+    assert values["f_20mm"] == pytest.approx(100)
+
+
+def test_each_mesh_is_scaled_by_itself_under_canonicalfusion(shapes):
+    sphere = shapes.sphere(0.5, level=4)
+    found = score(shapes.moved(sphere, (1, 0, 0), np.diag([0.2] * 3)), sphere,
+                  FIELD_PROTOCOLS["canonicalfusion"])  # fmt: skip
+    assert found.metrics["chamfer"].value < 1e-5
+    assert found.alignment.scale == pytest.approx(5)
+
+
+def test_what_lies_below_a_cut_does_not_count(shapes):
+    sphere = shapes.sphere(0.5, level=4)
+    rule = dataclasses.replace(FIELD_PROTOCOLS["puzzle"], frame=Frame(cut_below_m=0.0))
+    found = score(sphere, sphere, rule).metrics
+    assert found["chamfer"].value > found["p2s"].value
+    half = cut_below(sphere, 0.1)
+    assert half.bounds[0, 1] == pytest.approx(0.1)
+    assert half.area == pytest.approx(2 * np.pi * 0.5 * 0.4, rel=0.01)
+    assert (half.face_normals() * half.vertices[half.faces[:, 0]]).sum(axis=1).min() > 0
+
+
+WAYS = {"to_truth": "→", "to_prediction": "←", "both": "↔", "harmonic": "F"}
+
+
+def described(protocol):
+    """A protocol's line in the documentation."""
+    frame = {"metres": "metres", "person": "person of 1.80 m", "box": "box of 2"}
+    of_pair = ("pictures", "boxes", "volume")
+    numbers = ", ".join(
+        f"`{column.key}` {'' if column.of in of_pair else WAYS[column.way] + ' '}"
+        f"{column.of.replace('_', ' ')}" + (f" ({column.unit})" if column.unit != "1" else "")
+        for column in protocol.columns
+    )
+    points = f"{protocol.samples:,} {protocol.sampling}".replace(",", " ")
+    cells = f"`{protocol.name}`", frame[protocol.frame.unit], protocol.alignment.by, points, numbers
+    return f"| {' | '.join(cells)} |"
+
+
+def test_the_documentation_has_every_protocol_as_it_is():
+    page = Path(__file__).parents[3] / "docs" / "field_protocols.md"
+    text = page.read_text(encoding="utf-8")
+    lines = text.split("<!-- generated -->\n")[1].split("<!-- end -->")[0].splitlines()
+    assert lines[2:] == [described(protocol) for protocol in FIELD_PROTOCOLS.values()]
+    assert len(text.split()) <= 1500

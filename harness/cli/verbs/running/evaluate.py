@@ -36,16 +36,23 @@ from harness.cli.options import (
 )  # fmt: skip
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
+from harness.core.errors import HarnessError
+from harness.core.formats.typed_json import to_json
+from harness.core.protocol_scores import ProtocolScore
+from harness.core.settings import MetricProtocol
 from harness.data.manifest import load_manifest
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.part_choice import OPEN, parsed_parts
+from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import announce
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.inputs.workspace import Workspace
+from harness.pipeline.progress import Progress
 from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
 from harness.pipeline.run.evaluate import EvalSummary
 from harness.pipeline.run.evaluate import evaluate as carry_out
 from harness.pipeline.run.plan import EvalRequest, plan
+from harness.pipeline.run.protocol_scores import score_protocols
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.seeds import evaluate_seeds, parsed_seeds, seed_requests
 
@@ -129,13 +136,13 @@ def evaluate(
     never replaced because of a failure that is not the method's. Ctrl-C stops at once and leaves
     nothing half done (exit code 130). The exit code is 1 when a subject failed.
     """
-    checked = load_manifest(manifest)
-    place = Workspace.default(workspace)
+    checked, place = load_manifest(manifest), Workspace.default(workspace)
+    rules = checked.protocols_of(protocol)
     where = Where(executor, cell, ray_address, slurm, timeout)
     request = EvalRequest(
         source=Source.select(checked, place, dataset, split_names(subjects), recipe),
         methods=_methods(place, split_names(method), parsed_settings(settings), row, parts),
-        protocol=checked.protocol(protocol),
+        protocol=rules[0],
         store=RunStore(place.run(run)),
         seed=seed,
         jobs=jobs,
@@ -148,9 +155,9 @@ def evaluate(
     if dry_run:
         _show_plan(request, seeds, as_json=as_json)
     elif seeds:
-        _run_seeds(request, seeds, as_json=as_json)
+        _run_seeds(request, seeds, rules[1:], as_json=as_json)
     else:
-        _run(request, as_json=as_json)
+        _run(request, rules[1:], as_json=as_json)
 
 
 def _methods(
@@ -184,19 +191,32 @@ def _show_plan(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
     print(f"{states.count('run')} of {len(states)} cells would run")
 
 
-def _run(request: EvalRequest, *, as_json: bool) -> None:
+def _run(request: EvalRequest, further: tuple[MetricProtocol, ...], *, as_json: bool) -> None:
     with shown_progress(quiet=as_json) as progress:
         summary = carry_out(request, progress)
+        scores = _under_others(request, further, progress) if further else {}
     if as_json:
-        print_json({"run": str(request.store.directory), **summary.to_dict()})
+        others = {"protocols": to_json(scores)} if further else {}
+        print_json({"run": str(request.store.directory), **summary.to_dict(), **others})
     else:
         counts = ", ".join(f"{number} {status}" for status, number in summary.counts.items())
         print(f"{counts} ({summary.cached} cached) in {request.store.directory}")
         _show_machines(request, summary)
         table = "photos" if request.source.is_imported else "geometry"
+        table = "protocols" if further else table
         print(f"Next: harness report --table {table} --run {request.store.directory.name}")
     if not summary.all_ok:
         raise typer.Exit(1)
+
+
+def _under_others(
+    request: EvalRequest, protocols: tuple[MetricProtocol, ...], progress: Progress
+) -> dict[str, list[ProtocolScore]]:
+    """The run's meshes under further protocols."""
+    source = request.source
+    truth = ScanSet.select(source.manifest, source.workspace, source.name, source.subjects)
+    rows = [method.row for method in request.methods]
+    return score_protocols(request.store, truth, protocols, rows, progress)
 
 
 def _show_machines(request: EvalRequest, summary: EvalSummary) -> None:
@@ -205,7 +225,11 @@ def _show_machines(request: EvalRequest, summary: EvalSummary) -> None:
         print(f"  {machine}")
 
 
-def _run_seeds(request: EvalRequest, seeds: str, *, as_json: bool) -> None:
+def _run_seeds(
+    request: EvalRequest, seeds: str, further: tuple[MetricProtocol, ...], *, as_json: bool
+) -> None:
+    if further:
+        raise HarnessError("--seeds is of one protocol", got=", ".join(p.name for p in further))
     with shown_progress(quiet=as_json) as progress:
         done = evaluate_seeds(request, parsed_seeds(seeds), progress)
     found = [(each, each.summary) for each in done if each.summary is not None]

@@ -36,6 +36,7 @@ from harness.pipeline.run.elsewhere import (
     score_pair,
     score_pair_by_all,
 )
+from harness.pipeline.run.protocol_scores import score_protocols
 from harness.pipeline.run.store import RunStore
 from metrics.score import Score
 
@@ -115,14 +116,14 @@ def score(
             _write_points(points, outcome)
         _print_pair(predicted, gt, rule, outcome, as_json=as_json)
     elif dataset and gt is None:
-        _check_folder(name, points, rules)
+        _check_folder(name, points)
         place = Workspace.default(workspace)
         truth = ScanSet.select(checked, place, dataset, split_names(subjects))
         look = Look("scores of meshes", truth.name, truth.subjects, reason, (name,))
         admit(checked, place, look, shown_progress())
         store = RunStore(place.run(run))
         request = FolderRequest(predicted, name, title or name, truth, rule, store)
-        _score_folder(request, as_json=as_json)
+        _score_folder(request, rules[1:], as_json=as_json)
     else:
         raise HarnessError(
             f"no truth was named to compare {predicted} with",
@@ -132,13 +133,7 @@ def score(
         )
 
 
-def _check_folder(name: str, points: Path | None, rules: Sequence[MetricProtocol]) -> None:
-    if len(rules) > 1:
-        raise HarnessError(
-            "a folder is filed under one protocol",
-            got=", ".join(rule.name for rule in rules),
-            hint="Give each a --run of its own",
-        )
+def _check_folder(name: str, points: Path | None) -> None:
     if not name:
         raise HarnessError("a folder needs a name", hint="Give --name mymethod")
     if points is not None:
@@ -261,14 +256,20 @@ def _write_points(path: Path, outcome: Score) -> None:
     write_npz(path.with_suffix(".npz"), arrays)
 
 
-def _score_folder(request: FolderRequest, *, as_json: bool) -> None:
+def _score_folder(
+    request: FolderRequest, further: Sequence[MetricProtocol], *, as_json: bool
+) -> None:
     with shown_progress(quiet=as_json) as progress:
         outcomes = score_folder(request, progress)
+        if further:
+            rows = [request.name]
+            score_protocols(request.store, request.truth, further, rows, progress)
     if as_json:
         print_json([outcome.record.to_dict() for outcome in outcomes])
     else:
         scored = sum(outcome.status == "ok" for outcome in outcomes)
         print(f"{scored} of {len(outcomes)} subjects scored in {request.store.directory}")
-        print(f"Next: harness report --table geometry --run {request.store.directory.name}")
+        table = "protocols" if further else "geometry"
+        print(f"Next: harness report --table {table} --run {request.store.directory.name}")
     if any(outcome.status != "ok" for outcome in outcomes):
         raise typer.Exit(1)

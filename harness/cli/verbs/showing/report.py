@@ -40,12 +40,14 @@ from harness.pipeline.report.photo_tables import (
 from harness.pipeline.report.tables import (
     FORMATS,
     PAIRED_TABLE,
+    PROTOCOLS_TABLE,
     PUBLISHED_TABLE,
     SEEDS_TABLE,
     TABLES,
     ReportRequest,
     build_published,
     build_table,
+    table_of_protocols,
     writer_of,
     written,
 )
@@ -61,7 +63,8 @@ TableName = Annotated[
         metavar="NAME",
         help=f"Table to print: {', '.join(TABLES)}; {' or '.join(PHOTO_TABLES)}, quality without "
         "a scan, measured now where it is not stored, and how it goes with the errors; "
-        f"{SEEDS_TABLE}, the spread over the seeds of 'harness eval --seeds'; or "
+        f"{SEEDS_TABLE}, the spread over the seeds of 'harness eval --seeds'; {PROTOCOLS_TABLE}, "
+        "number and rank under each protocol of 'harness eval --protocol A,B'; or "
         f"{PUBLISHED_TABLE}, the results that the paper's authors released, which needs no run.",
     ),
 ]
@@ -82,6 +85,15 @@ Paired = Annotated[
         "--paired",
         help=f"With --table {PUBLISHED_TABLE}: show differences between methods on the same "
         "subjects.",
+    ),
+]
+PrintedUnder = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        metavar="NAME",
+        help=f"With --table {PUBLISHED_TABLE}: what publications print under a protocol of the "
+        "field; with --run, below the rows of a run that was measured by it.",
     ),
 ]
 Output = Annotated[
@@ -161,6 +173,7 @@ def report(
     interval: Interval = False,
     published: Published = False,
     paired: Paired = False,
+    protocol: PrintedUnder = "",
     output: Output = None,
     figure: Figure = "",
     page: Page = None,
@@ -189,23 +202,18 @@ def report(
         with shown_progress() as progress:
             return print(how_to_open(write_page(wanted, load_manifest(manifest), place, progress)))
     if figure:
-        drawing = FigureRequest(
-            name=figure,
-            store=RunStore.existing(place, run),
-            methods=split_names(method),
-            subjects=split_names(subjects),
-            reason=reason,
-            output=output,
-        )
+        store, rows = RunStore.existing(place, run), split_names(method)
+        drawing = FigureRequest(figure, store, rows, split_names(subjects), reason, output)
         return print(draw_figure(drawing, load_manifest(manifest), place, shown_progress()))
     request = ReportRequest(
-        table=table,
-        format="json" if as_json else form,
-        methods=split_names(method) or None,
-        subjects=split_names(subjects) or None,
+        table,
+        "json" if as_json else form,
+        split_names(method) or None,
+        split_names(subjects) or None,
         interval=interval,
         published=published,
         paired=paired,
+        protocol=protocol,
     )
     return deliver(_text(request, place, run, records, before, manifest, reason), output)
 
@@ -224,8 +232,12 @@ def _text(
         now = read_record_file(records) if records else RunStore.existing(place, run).records()
         return build_table(now, request, read_record_file(before) if before else None)
     if request.table == PUBLISHED_TABLE:
-        return build_published(request)
+        rule = load_manifest(manifest).protocol(request.protocol) if request.protocol else None
+        own = RunStore.existing(place, run).records() if rule and run else ()
+        return build_published(request, rule, own)
     store = RunStore.existing(place, run)
+    if request.table == PROTOCOLS_TABLE:
+        return written(table_of_protocols(store, request), writer_of(request.format))
     if request.table == SEEDS_TABLE:
         found = table_of_seeds(store, request.methods, request.subjects)
         return written(found, writer_of(request.format))

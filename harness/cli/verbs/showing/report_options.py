@@ -11,12 +11,21 @@ from harness.core.errors import HarnessError
 from harness.pipeline.report.photo_tables import PHOTO_TABLES
 from harness.pipeline.report.tables import (
     PAIRED_TABLE,
+    PROTOCOLS_TABLE,
     PUBLISHED_TABLE,
     SEEDS_TABLE,
     TABLES,
 )
 
-_OF_TABLES = ("--table", "--format", "--json", "--interval", "--published", "--paired")
+_OF_TABLES = (
+    "--table",
+    "--format",
+    "--json",
+    "--interval",
+    "--published",
+    "--paired",
+    "--protocol",
+)
 _OF_PAGES = ("--surfaces", "--include-licensed")
 
 
@@ -42,13 +51,16 @@ def refuse_ignored(given: Collection[str], table: str, figure: str, page: Path |
         kind, ignored = "--figure", (*_OF_TABLES, *_OF_PAGES)
     elif table in PHOTO_TABLES:
         kind, ignored = f"--table {table}", ("--published", "--paired", *_OF_PAGES)
-    elif table == SEEDS_TABLE:
+    elif table in (SEEDS_TABLE, PROTOCOLS_TABLE):
         kind, ignored = f"--table {table}", ("--published", "--paired", "--interval", *_OF_PAGES)
     elif table == PUBLISHED_TABLE:
-        ignored = ("--run", "--reason", "--published", *_OF_PAGES)
+        needless = () if "--protocol" in given else ("--run",)
+        ignored = (*needless, "--reason", "--published", *_OF_PAGES)
         kind = f"--table {table}, which needs no run"
     else:
-        kind, ignored = "a table", _OF_PAGES
+        kind, ignored = "a table", ("--protocol", *_OF_PAGES)
+    if table in (*PHOTO_TABLES, SEEDS_TABLE, PROTOCOLS_TABLE):
+        ignored = (*ignored, "--protocol")
     for option in ignored:
         if option in given:
             hint = f"Leave {option} out"

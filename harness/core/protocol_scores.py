@@ -1,0 +1,57 @@
+"""What one reconstruction scores under further protocols than its record's, as a file beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from harness.core.files.atomic import read_json, write_json
+from harness.core.formats.typed_json import from_json, to_json
+from harness.core.protocol_stages import UNALIGNED, Aligned
+from harness.core.records import ProtocolStamp
+from harness.core.results import MetricValue
+
+#: Beside ``record.json``.
+PROTOCOLS_FILE = "protocols.json"
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolScore:
+    """The numbers of one mesh under one protocol, or why there are none."""
+
+    protocol: ProtocolStamp
+    """Which."""
+    mesh: str
+    """sha256 of the mesh that was measured."""
+    alignment: Aligned = UNALIGNED
+    """What was done to it first."""
+    metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
+    """By key of the protocol's summary; empty where it cannot measure the mesh."""
+    reason: str = ""
+    """Why not; empty if it can."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolScores:
+    """The numbers of one mesh under several protocols."""
+
+    scores: tuple[ProtocolScore, ...] = ()
+    """One of each."""
+
+    @classmethod
+    def beside(cls, record_folder: Path, mesh: str) -> ProtocolScores:
+        """Those of a mesh, as filed in its cell's folder; of another mesh none.
+
+        Raises:
+            DataError: a file that holds something else.
+        """
+        path = record_folder / PROTOCOLS_FILE
+        if not path.is_file():
+            return cls()
+        found = from_json(cls, read_json(path), path, "a file of scores by protocol")
+        return cls(tuple(score for score in found.scores if score.mesh == mesh))
+
+    def save(self, record_folder: Path) -> None:
+        """Write the file, atomically."""
+        write_json(record_folder / PROTOCOLS_FILE, to_json(self))

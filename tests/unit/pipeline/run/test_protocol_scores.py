@@ -1,0 +1,121 @@
+"""The meshes of a run under several protocols: filed beside the records, ranked in a table."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.core.errors import HarnessError
+from harness.core.field_protocols import FIELD_PROTOCOLS
+from harness.core.formats.mesh_files import save_mesh
+from harness.core.mesh import Mesh
+from harness.core.settings import MetricProtocol
+from harness.data.manifest import Dataset
+from harness.pipeline.inputs.scan_set import ScanSet
+from harness.pipeline.progress import Silent
+from harness.pipeline.report.tables import ReportRequest, build_published, table_of_protocols
+from harness.pipeline.run.elsewhere import FolderRequest, score_folder
+from harness.pipeline.run.protocol_scores import score_protocols
+from harness.pipeline.run.store import RunStore
+from reports.tables.geometry import geometry_table
+from tests.spheres import icosphere
+
+OWN = MetricProtocol("mexecon", 2, 2000, "independent", "sample-to-sample")
+OTHERS = [FIELD_PROTOCOLS[name] for name in ("xavatar", "canonicalfusion", "volume")]
+SUBJECTS = ("s1", "s2", "s3", "s4")
+
+
+def egg(wide: float, high: float = 0.9) -> Mesh:
+    ball = icosphere(1.0, 4)
+    return replace(ball, vertices=ball.vertices * (wide, high, wide), source="egg")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """Two methods: one makes all a little wide, one makes all small but of the right shape."""
+    place = tmp_path_factory.mktemp("place")
+    for number, subject in enumerate(SUBJECTS):
+        wide = 0.3 + 0.01 * number
+        folder = place / "scans" / "model" / subject
+        folder.mkdir(parents=True)
+        scan = egg(wide)
+        textured = replace(scan, uv=np.zeros((1, 2)), face_uv=np.zeros_like(scan.faces))
+        save_mesh(folder / f"{subject}.obj", textured)
+        (folder / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.jpeg\n")
+        Image.new("RGB", (4, 4), "white").save(folder / "material0.jpeg")
+        for name, mesh in (("wide", egg(wide + 0.02)), ("small", egg(0.9 * wide, 0.81))):
+            (place / name).mkdir(exist_ok=True)
+            save_mesh(place / name / f"{subject}.ply", mesh)
+    return place
+
+
+@pytest.fixture(scope="module")
+def truth(place) -> ScanSet:
+    dataset = Dataset(
+        title="Eggs", kind="thuman", licence="own", root="scans", scale="metres", facing="+z",
+        subjects=SUBJECTS,
+    )  # fmt: skip
+    return ScanSet("eggs", dataset, place / "scans", SUBJECTS)
+
+
+def run_under(place, truth, protocol, run) -> RunStore:
+    store = RunStore(place / run)
+    for name in ("wide", "small"):
+        request = FolderRequest(place / name, name, name, truth, protocol, store)
+        assert all(outcome.status == "ok" for outcome in score_folder(request, Silent()))
+    return store
+
+
+def test_each_protocol_ranks_the_methods_in_its_own_way(place, truth):
+    """Where each mesh is scaled by itself, the small one is perfect."""
+    store = run_under(place, truth, OWN, "run")
+    with pytest.raises(HarnessError, match="no further protocol"):
+        table_of_protocols(store, ReportRequest())
+    score_protocols(store, truth, OTHERS, ["wide", "small"], Silent())
+    table = table_of_protocols(store, ReportRequest())
+    wide, small = (
+        {row.method: row for row in table.rows}[name].cells for name in ("wide", "small")
+    )
+    assert (wide["mexecon_rank"].value, small["mexecon_rank"].value) == (1, 2)
+    assert (wide["canonicalfusion_rank"].value, small["canonicalfusion_rank"].value) == (2, 1)
+    assert (small["canonicalfusion_rank"].low, small["canonicalfusion_rank"].high) == (1, 1)
+    assert small["canonicalfusion_distance"].value < 1e-4
+    assert wide["volume_volume_iou"].value > small["volume_volume_iou"].value
+    assert wide["volume_rank"].value == 1
+    titles = [column.title for column in table.columns]
+    assert titles[:4] == ["mexecon chamfer", "rank", "xavatar cd_mean", "rank"]
+
+
+def test_what_was_measured_stays_and_a_changed_protocol_is_refused(place, truth):
+    store = run_under(place, truth, OWN, "again")
+    found = score_protocols(store, truth, OTHERS[:1], ["wide", "small"], Silent())
+    file = store.cell("wide", "s1").directory / "protocols.json"
+    before = file.stat().st_mtime_ns
+    assert score_protocols(store, truth, OTHERS[:1], ["wide", "small"], Silent()) == found
+    assert file.stat().st_mtime_ns == before
+    changed = replace(OTHERS[0], samples=5000)
+    score_protocols(store, truth, [changed], ["wide"], Silent())
+    with pytest.raises(HarnessError, match="changed under its name"):
+        table_of_protocols(store, ReportRequest())
+
+
+def test_rows_of_a_protocol_of_the_field_stand_above_what_is_printed_under_it(place, truth):
+    sith = replace(FIELD_PROTOCOLS["sith"], samples=3000)
+    store = run_under(place, truth, sith, "sith")
+    records = store.records()
+    table = geometry_table(records)
+    assert [column.id for column in table.columns] == [
+        "p_to_s",
+        "s_to_p",
+        "nc",
+        "f_score",
+        "box_iou",
+    ]
+    assert table.columns[0].unit == "mm"
+    text = build_published(ReportRequest(), sith, records)
+    assert text.index("| wide") < text.index("1.871 cm")
+    assert "trained on THuman2.0" in text
+    with pytest.raises(HarnessError, match="no number that was printed under protocol icon"):
+        build_published(ReportRequest(), FIELD_PROTOCOLS["icon"])
