@@ -64,9 +64,14 @@ def generator(name: str) -> Generator:
         MissingPart: its package is not installed, or lacks something itself.
         HarnessError: nobody registered the name.
     """
-    if name == AVATARS and name not in GENERATORS.targets():
+    if name == AVATARS and not is_installed(name):
         raise not_installed(_AVATARS_MODULE, "making generated avatars")
     return GENERATORS.resolve(name)
+
+
+def is_installed(name: str) -> bool:
+    """Whether a package registered the generator of a name."""
+    return name in GENERATORS.targets()
 
 
 def brought_datasets() -> tuple[dict[str, dict[str, Any]], dict[str, HarnessError]]:

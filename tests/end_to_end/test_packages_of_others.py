@@ -11,6 +11,11 @@ import pytest
 
 from harness.core.errors import MissingPart
 from harness.data.generators import GENERATORS, generator
+from harness.data.manifest import load_manifest
+from harness.pipeline.inputs.sources import Source
+from harness.pipeline.inputs.workspace import Workspace
+
+ROOT = Path(__file__).parents[2]
 
 #: The whole package: subjects are blocks of two sizes.
 BLOCKS = """
@@ -119,11 +124,21 @@ def test_a_broken_package_hides_nothing_but_its_own_dataset(blocks: Path) -> Non
 
 
 def test_without_the_avatars_package_one_sentence_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(GENERATORS, "targets", dict)
     with pytest.raises(MissingPart, match=r"not installed\. Run: pip install .*clothed-avatars"):
         generator("avatars")
+    # What somebody else made is used as it is.
+    manifest = load_manifest(ROOT / "data_manifest.yaml")
+    source = Source.select(manifest, Workspace(tmp_path), "avatars", ("a01",), "quick8")
+    assert source.capture_directory("a01").parts[-3:] == ("avatars", "a01", "quick8")
+    with pytest.raises(MissingPart, match="clothed-avatars"):
+        source.avatar_is_current("a01")
+    folder = source.avatar_directory("a01")
+    folder.mkdir(parents=True)
+    (folder / "a01.obj").touch()
+    assert source.avatar_is_current("a01")
 
 
 def test_a_verb_of_a_package_is_listed_and_run(tmp_path: Path) -> None:

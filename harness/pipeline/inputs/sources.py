@@ -14,7 +14,7 @@ from harness.core.mesh import Mesh
 from harness.core.process.differences import listed_differences
 from harness.core.process.steps import StepReport
 from harness.core.settings import RenderRecipe
-from harness.data.generators import Generator, generator
+from harness.data.generators import Generator, generator, is_installed
 from harness.data.manifest import Manifest, load_manifest
 from harness.data.subjects import fit_of, load_subject, locate_subject
 from harness.pipeline.inputs.imported import IMPORTED, imported_state, imported_subjects
@@ -81,7 +81,11 @@ class Source:
         Raises:
             MissingPart: its package is not installed.
         """
-        return generator(self.manifest.datasets[self.name].generator)
+        return generator(self._generator_name)
+
+    @property
+    def _generator_name(self) -> str:
+        return self.manifest.datasets[self.name].generator
 
     @property
     def is_imported(self) -> bool:
@@ -126,10 +130,14 @@ class Source:
         return self.root() / "model" / subject
 
     def avatar_is_current(self, subject: str) -> bool:
-        """Whether a generated subject is there as its generator would make it now."""
-        return self.generator.is_current(
-            subject, self.avatar_directory(subject), self._scan_noise_mm
-        )
+        """Whether a generated subject is there as its generator would make it now.
+
+        Where the generator is not installed, a subject that is there is taken as it is.
+        """
+        directory = self.avatar_directory(subject)
+        if (directory / f"{subject}.obj").is_file() and not is_installed(self._generator_name):
+            return True
+        return self.generator.is_current(subject, directory, self._scan_noise_mm)
 
     def make_avatar(self, subject: str) -> bool:
         """Make a generated subject unless it is there already; whether it was made now."""
