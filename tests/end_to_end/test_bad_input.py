@@ -10,8 +10,6 @@ import sys
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.nightly
-
 EVAL = ("eval", "--dataset", "toy", "--recipe", "tiny")
 DEFECTS = {
     "t1": ("ok", ""),
@@ -43,6 +41,7 @@ def spoil(world, figure, write_subject) -> None:
     manifest.write_text(manifest.read_text().replace("[t1, t2, t3]", f"[{', '.join(DEFECTS)}]"))
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_every_bad_scan_is_its_own_record_and_the_rest_is_measured(
     world, harness, eval_toy, figure, write_subject
@@ -58,6 +57,7 @@ def test_every_bad_scan_is_its_own_record_and_the_rest_is_measured(
     assert "2/6" in harness("report").stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_a_damaged_photo_is_noticed_and_rendered_again(world, eval_toy):
     assert eval_toy("coarse", "--subjects", "t1").returncode == 0
@@ -70,6 +70,7 @@ def test_a_damaged_photo_is_noticed_and_rendered_again(world, eval_toy):
     assert photo.read_bytes() == whole
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("photographed")
 def test_a_full_disk_fails_one_cell_and_leaves_nothing_half_written(world):
     def small_disk() -> None:

@@ -132,6 +132,7 @@ def test_equal_seeds_give_equal_samples_and_others_do_not(source, tmp_path):
     assert (first["front"] != other["front"]).any()
 
 
+@pytest.mark.nightly
 def test_a_subject_without_truth_is_left_out_and_said_so(source, people):
     made(source, "p2", people / "samples" / "normals-128" / "bare" / "p2.npz")  # is there already
     said = []
