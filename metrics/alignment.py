@@ -55,12 +55,16 @@ def readers_vertices(mesh: Mesh) -> Floats:
 
     At a seam of the texture each side has its own, which therefore counts twice in an alignment.
     """
-    corners = mesh.vertices[mesh.faces].reshape(-1, 3)
+    if mesh.uv is None or mesh.face_uv is None:
+        used = np.zeros(len(mesh.vertices), dtype=bool)
+        used[mesh.faces] = True
+        vertices = mesh.vertices[used]
+        return vertices[np.unique(merged_positions(vertices), return_index=True)[1]]
     group = merged_positions(mesh.vertices)[mesh.faces].ravel().astype(np.int64)
-    if mesh.uv is not None and mesh.face_uv is not None:
-        coordinates = merged_positions(mesh.uv)[mesh.face_uv].ravel().astype(np.int64)
-        group = group * (int(coordinates.max()) + 1) + coordinates
-    return corners[np.unique(group, return_index=True)[1]]
+    coordinates = merged_positions(mesh.uv)[mesh.face_uv].ravel().astype(np.int64)
+    pairs = group * (int(coordinates.max()) + 1) + coordinates
+    corners = np.unique(pairs, return_index=True)[1]
+    return mesh.vertices[mesh.faces.ravel()[corners]]
 
 
 def icp(moving: Floats, fixed: Floats, how: Alignment) -> tuple[Floats, int]:

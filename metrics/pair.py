@@ -165,7 +165,7 @@ class Pair(_Once):
     def __init__(self, predicted: Mesh, truth: Mesh) -> None:
         super().__init__()
         with ThreadPoolExecutor(max_workers=2) as pool:
-            mine, true = pool.submit(SurfaceIndex, predicted), pool.submit(SurfaceIndex, truth)
+            mine, true = pool.submit(_searched, predicted), pool.submit(_searched, truth)
         self.mine, self.true = Side(mine.result(), "predicted"), Side(true.result(), "truth")
 
     def placed(self, protocol: MetricProtocol) -> Placed:
@@ -193,6 +193,13 @@ class Pair(_Once):
         true = self.placed(protocol).true
         kept, twin = self.once(("copy", protocol.frame.cut_below_m), lambda: (_Once(), true.copy()))
         return Placed(twin, true, per_metre(true.index, protocol.frame), UNALIGNED, kept)
+
+
+def _searched(mesh: Mesh) -> SurfaceIndex:
+    """The index of a mesh, its search made."""
+    index = SurfaceIndex(mesh)
+    index.closest(index.centre[None])
+    return index
 
 
 def per_metre(truth: SurfaceIndex, frame: Frame) -> float:

@@ -27,7 +27,7 @@ from metrics.placement import check_scale_and_place, check_turn, unit_warnings
 from metrics.summary import measured, normal_angles
 
 #: What the truth itself does not score 0 or 1 in, because of points or edges.
-_WITH_FLOOR = frozenset({"samples", "sample_cosine", "surface_cosine", "edges", "thinned"})
+_WITH_FLOOR = frozenset({"samples", "sample_cosine", "surface_cosine", "edges"})
 #: Where axes are looked at, with fewer points than the first, so many are drawn for that alone.
 _TELLING = 10_000
 _TURN_SAMPLES: dict[str, Any] = {"samples": 30_000, "sampling": "independent"}

@@ -99,7 +99,7 @@ _ALL = (
         summary=(_length("cm", "chamfer", "surface"), _length("cm", "p2s", "surface", "to_truth")),
     ),
     MetricProtocol(
-        *("points-f", 1, 300_000, "independent"),
+        *("points-f", 1, 200_000, "independent"),
         summary=tuple(
             Column(f"f_{mm}mm", "thinned", "harmonic", "below", 100.0, "%", mm / 1000, higher=True)
             for mm in (5, 10, 20)

@@ -112,7 +112,12 @@ class SurfaceIndex:
         used[faces.ravel()] = True
         positions = mesh.vertices[used]
         self.bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
-        self._scene = raycasting_scene(mesh, self.centre, faces)
+        _check_searchable(mesh.vertices - self.centre, f"a vertex of {mesh.source}")
+
+    @cached_property
+    def _scene(self) -> Any:
+        # A surface on which points are only drawn is never searched.
+        return raycasting_scene(self.mesh, self.centre, self.mesh.faces[self._searchable])
 
     @property
     def centre(self) -> Floats:
@@ -270,12 +275,16 @@ def raycasting_scene(mesh: Mesh, origin: Floats, faces: NDArray[np.integer[Any]]
     return scene
 
 
-def _tensor32(coordinates: Floats, what: str) -> Any:
-    """Coordinates as the search takes them: float32, and so small that their squares fit, too."""
+def _check_searchable(coordinates: Floats, what: str) -> None:
     if not (np.abs(coordinates) < _LARGEST_COORDINATE).all():
         raise DataError(
             f"{what} is not finite", expected=f"coordinates below {_LARGEST_COORDINATE:g}"
         )
+
+
+def _tensor32(coordinates: Floats, what: str) -> Any:
+    """Coordinates as the search takes them: float32, and so small that their squares fit, too."""
+    _check_searchable(coordinates, what)
     return _tensor(np.ascontiguousarray(coordinates, dtype=np.float32))
 
 

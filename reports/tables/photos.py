@@ -48,9 +48,11 @@ class Figure:
 FIGURES = (
     Figure("mean_iou", "Mean IoU", "1", 4, lambda s: s.mean_iou),
     Figure("worst_iou", "Worst view IoU", "1", 4, lambda s: s.worst_iou),
-    Figure("psnr", "PSNR", "dB", 2, lambda s: s.psnr_db),
+    Figure("psnr", "PSNR (exposure fitted)", "dB", 2, lambda s: s.psnr_db),
     Figure("ssim", "SSIM", "1", 4, lambda s: s.ssim),
-    Figure("held_out_psnr", "Held-out PSNR", "dB", 2, lambda s: s.held_out_psnr_db),
+    Figure(
+        "held_out_psnr", "Held-out PSNR (exposure fitted)", "dB", 2, lambda s: s.held_out_psnr_db
+    ),
     Figure(
         "self_intersections",
         "Self-intersecting faces",

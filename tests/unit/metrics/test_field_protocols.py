@@ -248,7 +248,7 @@ def by_pifu(predicted, truth):
 def by_points_f(predicted, truth):
     clouds = [
         o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-        for points in points_of((plain(predicted), plain(truth)), 300_000)
+        for points in points_of((plain(predicted), plain(truth)), 200_000)
     ]
     found = {}
     for mm in (5, 10, 20):
