@@ -6,6 +6,7 @@ machines are extras of its distribution; other parts of the project are packages
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +24,8 @@ _EXTRAS = {
     "ray": "ray",
     "submitit": "slurm",
 }
+#: The newest Python for which some of them exist.
+_NEWEST = {"bpy": (3, 11), "mediapipe": (3, 12)}
 #: Packages that lie beside the bench, by the module that is imported.
 _BESIDE = {
     "clothed_avatars": "clothed-avatars",
@@ -44,6 +47,9 @@ def how_to_install(module: str) -> str:
         where = f"-e {_CHECKOUT}/packages/{name}" if in_checkout else name
         return f"pip install {where}"
     if extra := _EXTRAS.get(top):
+        if sys.version_info[:2] > (newest := _NEWEST.get(top, sys.version_info[:2])):
+            older = ".".join(map(str, newest))
+            return f"in an environment of Python {older}, pip install '{_PROJECT}[{extra}]'"
         if not in_checkout:
             return f"pip install '{_PROJECT}[{extra}]'"
         return f"pip install -c {_CHECKOUT}/constraints.txt -e '{_CHECKOUT}[{extra}]'"

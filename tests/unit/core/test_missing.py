@@ -28,6 +28,9 @@ def test_a_checkout_installs_from_itself_and_others_by_name(
     assert missing.how_to_install("bpy") == "pip install 'mexecon-harness[render]'"
     assert missing.how_to_install("clothed_avatars") == "pip install clothed-avatars"
     assert missing.how_to_install("nobodys") == ""
+    monkeypatch.setattr(missing.sys, "version_info", (3, 13, 0))
+    assert missing.how_to_install("mediapipe").startswith("in an environment of Python 3.12, pip")
+    assert missing.how_to_install("torch") == "pip install 'mexecon-harness[methods]'"
 
 
 @pytest.fixture
