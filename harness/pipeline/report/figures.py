@@ -18,7 +18,7 @@ from harness.core.units import UNITS_RULE
 from harness.pipeline.inputs.sources import Source
 from harness.pipeline.report.error_cache import TrueSurface, measured_mesh
 from harness.pipeline.report.normal_figure import normals
-from harness.pipeline.report.views_figure import views
+from harness.pipeline.report.views_figure import ranks, views
 from harness.pipeline.run.record_inputs import require_photos, require_scan
 from harness.pipeline.run.result_files import BODY_FILE, MESH_FILE, load_body_mesh
 from harness.pipeline.run.store import RunStore
@@ -176,6 +176,7 @@ FIGURES = {
     "failures": failures,
     "normals": normals,
     "views": views,
+    "ranks": ranks,
 }
 
 

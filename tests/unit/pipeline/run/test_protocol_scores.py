@@ -19,6 +19,7 @@ from harness.pipeline.report.tables import ReportRequest, build_published, table
 from harness.pipeline.run.elsewhere import FolderRequest, score_folder
 from harness.pipeline.run.protocol_scores import score_protocols
 from harness.pipeline.run.store import RunStore
+from reports.figures.rank_curves import rank_curves
 from reports.tables.geometry import geometry_table
 from tests.spheres import icosphere
 
@@ -84,6 +85,9 @@ def test_each_protocol_ranks_the_methods_in_its_own_way(place, truth):
     assert small["canonicalfusion_distance"].value < 1e-4
     assert wide["volume_volume_iou"].value > small["volume_volume_iou"].value
     assert wide["volume_rank"].value == 1
+    picture = rank_curves(table, place / "ranks.png", "eggs")
+    with Image.open(picture) as image:
+        assert image.size[0] > 300
     titles = [column.title for column in table.columns]
     assert titles[:4] == ["mexecon chamfer", "rank", "xavatar cd_mean", "rank"]
 
