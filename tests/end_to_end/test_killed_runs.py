@@ -59,7 +59,8 @@ def timeless(world: Path) -> dict[str, object]:
     found = {}
     for path in sorted((world / "runs").rglob("record.json")):
         record = json.loads(path.read_text())
-        record.pop("created_utc")
+        for name in ("created_utc", "digest"):  # the digest is over the date, too
+            record.pop(name)
         for stage in record["stages"]:
             for name in ("wall_s", "peak_rss_mib", "peak_gpu_mib"):
                 stage.pop(name)
