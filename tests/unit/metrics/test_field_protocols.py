@@ -284,7 +284,7 @@ PROGRAMS = {
 APART = [name for name in PROGRAMS if name not in ("sifu", "gta", "hilo")]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("name", APART)
 def test_every_number_is_that_of_a_plain_reimplementation(pairs, ours, case, name):

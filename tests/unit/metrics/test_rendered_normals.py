@@ -136,7 +136,7 @@ def figure_of_balls(shapes, wide=1.0, shift=0.0):
     return shapes.joined(*balls)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_rendered_normals_are_those_of_a_soft_rasteriser_to_three_percent(shapes):
     """Measured: icon -0.0, econ -0.1, sifu -2.2, hilo -0.8 %."""
     predicted, truth = figure_of_balls(shapes, 1.05, 0.01), figure_of_balls(shapes)
