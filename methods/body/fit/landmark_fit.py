@@ -8,7 +8,6 @@ for metres does not.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,21 +15,22 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from methods.body.fit.evidence import Evidence
+from methods.body.fit.least_squares import Residuals, minimum
 from methods.body.fit.prior import ParameterPrior
+from methods.body.fit.projection import Projector
 from methods.body.fit.rotations import (
     mean_of_columns,
     mean_rotation,
     mean_rotation_vector,
     upright,
 )
-from methods.body.models.model import Parameters, ParametricBody, Posed, box_middle, neutral
+from methods.body.models.model import Parameters, ParametricBody, box_middle, neutral
 from methods.body.photos.detection import Detections
 from methods.body.photos.views import View
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-_SINGLE_STEPS, _SINGLE_RATE = 120, 0.05
 _JOINT_STEPS, _JOINT_RATE = 150, 0.03
 #: Standard deviations: of a landmark in the picture (as metres at the subject), of one in space.
 _PICTURE_M, _SPACE_M = 0.02, 0.06
@@ -57,22 +57,16 @@ def fit_each_view(
     """
     import torch
 
-    evidence = Evidence(views, detections, body.landmarks)
-    prior = ParameterPrior(body)
-    start = neutral(body, len(views))
-    turns = [
-        upright(view.camera.rotation.T @ (points[_LEFT] - points[_RIGHT]).sum(axis=0))
-        for view, points in zip(views, detections.points_camera, strict=True)
-    ]
-    start["orientation"] = torch.tensor(np.array(turns), dtype=torch.float32)[:, :, :2]
-    start["translation"] = start["translation"] + evidence.centre
-
-    def energy(parameters: Parameters) -> Tensor:
-        posed = body.posed(parameters)
-        landmarks = _landmark_terms(evidence, body.landmark_points(posed), 1.0).sum()
-        return landmarks + prior(parameters).sum() + _off_depth(evidence, posed, parameters)
-
-    return _descend(start, energy, _SINGLE_STEPS, _SINGLE_RATE)
+    found, bodies = [], (body, body.precise())
+    for index, view in enumerate(views):
+        seen = detections.at([index])
+        points = seen.points_camera[0]
+        across = view.camera.rotation.T @ (points[_LEFT] - points[_RIGHT]).sum(axis=0)
+        start = neutral(body)
+        start["orientation"] = torch.tensor(upright(across))[None, :, :2]
+        start["translation"] = start["translation"] + torch.tensor(view.place.centre)
+        found.append(minimum(_Landmarks(bodies, (view,), seen), start)[0])
+    return {name: torch.cat([each[name] for each in found]).float() for name in found[0]}
 
 
 def average(parameters: Parameters) -> dict[str, Tensor]:
@@ -122,16 +116,29 @@ def fit_jointly(
     What the detector says of depth counts as much as one view's, however many there are: cameras
     that see a limb from two sides know better, but a front and a back view alone leave it open.
     """
-    evidence = Evidence(views, detections, body.landmarks)
-    prior = ParameterPrior(body)
+    problem = _Landmarks((body, body.precise()), views, detections)
+    return _descend(problem, start, _JOINT_STEPS, _JOINT_RATE)
 
-    def energy(parameters: Parameters) -> Tensor:
-        posed = body.posed(parameters)
-        points = body.landmark_points(posed)
-        cost = _landmark_terms(evidence, points, 1.0 / len(views)).sum() + prior(parameters).sum()
-        return cost + _off_depth(evidence, posed, parameters) if len(views) == 1 else cost
 
-    return _descend(start, energy, _JOINT_STEPS, _JOINT_RATE)
+def _descend(problem: _Landmarks, start: Parameters, steps: int, rate: float) -> dict[str, Tensor]:
+    """Parameters some way down from a start.
+
+    What follows does better from here than from the minimum itself: a made body in eight views ends
+    below 10 mm off, and 12.7 mm off from the minimum.
+    """
+    import torch
+
+    parameters = {name: value.detach().double().requires_grad_() for name, value in start.items()}
+    optimiser = torch.optim.Adam(list(parameters.values()), lr=rate, amsgrad=True)
+    # Slower towards the end, so that it ends at a minimum and not somewhere round it.
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, eta_min=0.05 * rate)
+    for _ in range(steps):
+        optimiser.zero_grad()
+        problem.about({name: value.detach() for name, value in parameters.items()})
+        problem.residuals(parameters).cost().sum().backward()
+        optimiser.step()
+        schedule.step()
+    return {name: value.detach().float() for name, value in parameters.items()}
 
 
 def swapped_views(
@@ -153,45 +160,81 @@ def swapped_views(
     return errors[0] > _CLEARLY * errors[1]
 
 
-def _off_depth(evidence: Evidence, posed: Posed, parameters: Parameters) -> Tensor:
-    """Cost of N views' own bodies for being nearer or farther than the subject's place.
+class _Landmarks:
+    """The cost of one body in N views: landmarks in the pictures and in space, prior, distance."""
 
-    0 where the views do not tell its distance.
-    """
-    root = parameters["translation"]
-    if not evidence.depth_is_known:
-        return root.new_zeros(())
-    # Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
-    middle = root + (box_middle(posed.vertices) - root).detach() - evidence.centre
-    return (0.5 * ((middle * evidence.forward).sum(1) / _DEPTH_M) ** 2).sum()
+    def __init__(
+        self,
+        bodies: tuple[ParametricBody, ParametricBody],
+        views: tuple[View, ...],
+        detections: Detections,
+    ) -> None:
+        import torch
 
+        self._whole, self._body = bodies
+        self._prior = ParameterPrior(self._body)
+        table = self._body.landmarks
+        self._projectors = [Projector(view.camera) for view in views]
+        self._pixels = torch.tensor(detections.pixels[:, table.landmarks])
+        self._points = torch.tensor(detections.points_camera[:, table.landmarks])
+        self._confidence = torch.tensor(detections.confidence[:, table.landmarks] * table.trust)
+        self._metres_per_px = [
+            view.place.distance_m(view.camera) / view.camera.K[1, 1] for view in views
+        ]
+        self._hips = [int(np.flatnonzero(table.landmarks == hip)[0]) for hip in (23, 24)]
+        place = views[0].place
+        self._depth_is_known = place.depth_is_known
+        self._centre = torch.tensor(place.centre)
+        self._forward = torch.tensor(np.array([view.camera.forward for view in views]))
+        self._to_middle = self._centre * 0.0
 
-def _landmark_terms(evidence: Evidence, points: Tensor, space: float) -> Tensor:
-    """(N, K) robust cost of landmarks in the pictures and, at some weight, in space."""
-    in_picture_m = evidence.pixel_error(points) * evidence.metres_per_px[:, None]
-    in_space_m = evidence.space_error(points.expand(len(evidence), -1, -1))
-    space_m = _SPACE_M if evidence.depth_is_known else _SPACE_ALONE_M
-    cost = _robust(in_picture_m / _PICTURE_M) + space * _robust(in_space_m / space_m)
-    return evidence.confidence * cost
+    def about(self, parameters: Parameters) -> None:
+        """Hold the way from the root to the middle of the body's box.
 
+        Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
+        """
+        if self._holds_depth():
+            single = {name: value.float() for name, value in parameters.items()}
+            middle = box_middle(self._whole.posed(single).vertices)[0].double()
+            self._to_middle = middle - single["translation"][0]
 
-def _robust(ratio: Tensor) -> Tensor:
-    """Half the square for small errors, growing as a logarithm for large ones (Cauchy)."""
-    return 0.5 * (ratio**2).log1p()
+    def residuals(self, parameters: Parameters) -> Residuals:
+        """What the parameters (B, ...) leave over."""
+        import torch
 
+        points = self._body.landmark_points(self._body.posed(parameters))
+        in_picture, in_space = [], []
+        for view, projector in enumerate(self._projectors):
+            off_px = projector(points) - self._pixels[view]
+            in_picture.append(off_px * (self._metres_per_px[view] / _PICTURE_M))
+            in_space.append(self._off_in_space(projector.turn(points), view))
+        weight = self._confidence.flatten()
+        plain = [self._prior.residuals(parameters)]
+        if self._holds_depth():
+            off = parameters["translation"] + self._to_middle - self._centre
+            plain.append(off @ self._forward.T / _DEPTH_M)
+        # What the detector says of depth counts as much as one view's, however many there are.
+        return Residuals(
+            (
+                (torch.cat(in_picture, 1), weight),
+                (torch.cat(in_space, 1), weight / len(self._projectors)),
+            ),
+            torch.cat(plain, 1),
+        )
 
-def _descend(
-    start: Parameters, energy: Callable[[Parameters], Tensor], steps: int, rate: float
-) -> dict[str, Tensor]:
-    import torch
+    def _holds_depth(self) -> bool:
+        return self._depth_is_known and len(self._projectors) == 1
 
-    parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
-    optimiser = torch.optim.Adam(list(parameters.values()), lr=rate, amsgrad=True)
-    # Slower towards the end, so that it ends at a minimum and not somewhere round it.
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, eta_min=0.05 * rate)
-    for _ in range(steps):
-        optimiser.zero_grad()
-        energy(parameters).backward()
-        optimiser.step()
-        schedule.step()
-    return {name: value.detach() for name, value in parameters.items()}
+    def _off_in_space(self, turned: Tensor, view: int) -> Tensor:
+        """(B, K, 3) between landmarks in camera axes and the detector's own, hips on hips.
+
+        Where the views do not tell how far away the subject is, the detector's landmarks are made
+        as large as these first: its metres are a mean person's, and would pass for a measurement.
+        """
+        about_hips = turned - turned[:, self._hips].mean(1, keepdim=True)
+        own = self._points[view]
+        if self._depth_is_known:
+            return (about_hips - own) / _SPACE_M
+        weights = self._confidence[view][:, None]
+        size = (weights * own * about_hips).sum((1, 2), keepdim=True) / (weights * own**2).sum()
+        return (about_hips - size * own) / _SPACE_ALONE_M

@@ -24,7 +24,7 @@ class ParameterPrior:
         import torch
 
         stiffness = np.array([joint.stiffness for joint in body.free], dtype=np.float32)
-        self._precision = torch.from_numpy(stiffness / _DEVIATION_RAD**2)
+        self._root = torch.from_numpy(np.sqrt(stiffness) / np.float32(_DEVIATION_RAD))
         self._mean, self._deviation = torch.from_numpy(body.shape_prior)
         hinged = [i for i, joint in enumerate(body.free) if joint.hinge is not None]
         self._hinged = torch.tensor(hinged, dtype=torch.long)
@@ -34,11 +34,14 @@ class ParameterPrior:
 
     def __call__(self, parameters: Parameters) -> Tensor:
         """(B,) the cost of the parameters, 0 for the mean shape in the rest pose."""
+        return 0.5 * (self.residuals(parameters) ** 2).sum(1)
+
+    def residuals(self, parameters: Parameters) -> Tensor:
+        """(B, L) numbers, the sum of whose halved squares is the cost."""
         import torch
 
         pose, shape = parameters["pose"], parameters["shape"]
-        turned = (self._precision * pose**2).sum((1, 2))
         bent = (pose[:, self._hinged] * self._axes).sum(2)
         against = torch.relu(self._least - bent) / _HINGE_DEVIATION_RAD
-        shaped = ((shape - self._mean) / self._deviation) ** 2
-        return 0.5 * (turned + (against**2).sum(1) + shaped.sum(1))
+        shaped = (shape - self._mean) / self._deviation
+        return torch.cat([(self._root * pose).flatten(1), against, shaped], 1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -180,9 +181,28 @@ class AnnyBody:
 
     def sparse(self) -> AnnyBody:
         """The same body with few vertices, enough for landmarks and extent; it has no faces."""
+        used, landmarks = sparse_vertices(self.landmarks, len(self._model.template_vertices))
+        return self._cut_to(used, landmarks)
+
+    def precise(self) -> AnnyBody:
+        """The same body in double precision with the vertices of its landmarks alone."""
         import torch
 
-        used, landmarks = sparse_vertices(self.landmarks, len(self._model.template_vertices))
+        used = np.unique(self.landmarks.vertices)
+        landmarks = replace(
+            self.landmarks,
+            vertices=np.searchsorted(used, self.landmarks.vertices),
+            weights=self.landmarks.weights.astype(np.float64),
+            offsets=self.landmarks.offsets.astype(np.float64),
+        )
+        smaller = self._cut_to(used, landmarks)
+        smaller._model = smaller._model.to(torch.float64)  # noqa: SLF001 - its own class
+        smaller._to_world = self._to_world.double()  # noqa: SLF001 - its own class
+        return smaller
+
+    def _cut_to(self, used: NDArray[np.int64], landmarks: LandmarkTable) -> AnnyBody:
+        import torch
+
         rows = torch.from_numpy(used)
         # What is cut to the rows anyway is not copied first: the shapes alone are 100 MB.
         large = ("template_vertices", "blendshapes", "dense_vertex_bone_weights")
@@ -222,7 +242,7 @@ class AnnyBody:
 
         turn = self._to_world
         pose = parameters["pose"]
-        deltas = torch.eye(4).repeat(len(pose), len(self.joint_names), 1, 1)
+        deltas = torch.eye(4, dtype=pose.dtype).repeat(len(pose), len(self.joint_names), 1, 1)
         # Row vectors: v_anny = v_world @ turn is the inverse of v_world = v_anny @ turn.T.
         deltas[:, self._free_index, :3, :3] = roma.rotvec_to_rotmat(pose @ turn)
         root = roma.special_gramschmidt(parameters["orientation"])

@@ -126,6 +126,10 @@ class ParametricBody(Protocol):
         """The same body with few vertices, enough for its landmarks and its extent."""
         ...
 
+    def precise(self) -> ParametricBody:
+        """The same body in double precision, for its landmarks."""
+        ...
+
     def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:
         """The parameters of one body as the model's own software takes them."""
         ...

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,6 +151,18 @@ class SmplxBody:
     def sparse(self) -> SmplxBody:
         """The body itself: the package computes all vertices or none."""
         return self
+
+    def precise(self) -> SmplxBody:
+        """The same body in double precision."""
+        other = copy.copy(self)
+        other._model = copy.deepcopy(self._model).double()  # noqa: SLF001 - its own class
+        other._held = {name: held.double() for name, held in self._held.items()}  # noqa: SLF001
+        other.landmarks = replace(
+            self.landmarks,
+            weights=self.landmarks.weights.astype(np.float64),
+            offsets=self.landmarks.offsets.astype(np.float64),
+        )
+        return other
 
     def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:
         """``betas``, ``body_pose``, ``transl`` and all others as the package takes them."""

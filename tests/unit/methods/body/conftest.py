@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.cameras.camera import Camera, look_at
-from methods.body.fit import landmark_fit
+from methods.body.fit import landmark_fit, least_squares
 
 
 def _sphere(radius: float = 0.5, rings: int = 48) -> tuple[np.ndarray, np.ndarray]:
@@ -171,10 +171,10 @@ def smplx_arrays() -> dict[str, np.ndarray]:
 
 @pytest.fixture
 def quick_landmarks(monkeypatch):
-    """A third and half of the steps, which end within 3 mm of where all of them do.
+    """Fits that end a little before their minimum, within 3 mm of it.
 
-    Eight views and one view are fitted by all steps in tests of their own. Not together with
-    ``shared_fits``, which knows nothing of steps.
+    Eight views and one view are fitted to the end in tests of their own. Not together with
+    ``shared_fits``, which knows nothing of it.
     """
-    monkeypatch.setattr(landmark_fit, "_SINGLE_STEPS", 40)
+    monkeypatch.setattr(least_squares, "_SETTLED", 1e-4)
     monkeypatch.setattr(landmark_fit, "_JOINT_STEPS", 75)
