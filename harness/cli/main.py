@@ -22,6 +22,7 @@ from harness.cli.verb_list import Verbs
 from harness.core.errors import HarnessError, WriteError
 from harness.core.files.atomic import NO_ROOM
 from harness.core.missing import explained
+from harness.core.plain_text import plain_text
 from harness.core.process.interrupts import Interrupted, stopping_signal
 from mexecon_harness import answer_signals, goodbye, ignore_signals
 
@@ -128,6 +129,9 @@ def _prepare_streams() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # As Python does for standard error: a letter that the encoding lacks is written as \\u2193.
         sys.stdout.reconfigure(errors="backslashreplace")
+        # Here passes all that is printed: no name of a file, or text of one, moves a cursor.
+        write = sys.stdout.write
+        sys.stdout.write = lambda text: write(plain_text(text))  # type: ignore[method-assign]
 
 
 def _require_folder() -> None:

@@ -53,7 +53,7 @@ def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
             the entry says so.
     """
     files = find_subject(root, subject)
-    if dataset.hidden == "dropped" and not _is_outer(files.mesh.with_name(ADDED)):
+    if dataset.hidden == "dropped" and not is_outer(files.mesh.with_name(ADDED)):
         raise DataError(
             f"the hidden layers of {files.mesh} were not left out, as 'hidden: dropped' says",
             hint="Add the scans with 'harness data add --drop-hidden', which writes that entry",
@@ -85,7 +85,8 @@ def locate_scan(name: str, dataset: Dataset, root: Path, subject: str) -> Scan:
     )
 
 
-def _is_outer(mark: Path) -> bool:
+def is_outer(mark: Path) -> bool:
+    """Whether the mark of a converted scan says that its hidden layers were left out."""
     return mark.is_file() and bool(read_json(mark).get("conversion", {}).get("outer"))
 
 

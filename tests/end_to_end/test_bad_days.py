@@ -126,6 +126,14 @@ def test_a_closed_output_is_told_in_one_line():
     )
 
 
+def test_what_is_printed_moves_no_cursor(tmp_path):
+    name = "\x1b[2J\u202e.md"
+    done = ended("report", "--table", "published", "-o", name, folder=tmp_path, PYTHONUTF8="1")
+
+    assert done.stdout.decode() == "\ufffd[2J\ufffd.md\n"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 def test_closed_errors_disturb_nothing():
     assert ended("--version", redirection="2>&-").stdout.startswith(b"harness ")
     assert ended("nosuchverb", redirection="2>&-").returncode == 2

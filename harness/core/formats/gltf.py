@@ -47,6 +47,7 @@ class GlbPart:
         picture: A PNG or JPEG, or None.
         uv: (V, 2) texture coordinates, origin at the bottom left, of the picture.
         alpha: ``OPAQUE``, ``MASK`` or ``BLEND``, as the material has it.
+        shines: Whether the material has light of its own, which is not read.
     """
 
     vertices: Floats
@@ -56,6 +57,7 @@ class GlbPart:
     picture: bytes | None
     uv: Floats | None
     alpha: str
+    shines: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +198,7 @@ def _pieces(glb: _Glb) -> Iterator[_Piece]:
         mesh: dict[str, Any] = glb.document["meshes"][node["mesh"]] if "mesh" in node else {}
         posed = ["a skin"] if mesh and "skin" in node else []
         _check_extensions([*mesh.get("extensions", {}), *posed])
-        weights = node.get("weights", mesh.get("weights", []))
+        weights = node.get("weights") or mesh.get("weights")
         for primitive in mesh.get("primitives", []):
             mode = primitive.get("mode", _TRIANGLES)
             if mode in _POINTS_AND_LINES:
@@ -216,7 +218,8 @@ def _pieces(glb: _Glb) -> Iterator[_Piece]:
 def _primitive(glb: _Glb, primitive: dict[str, Any], weights: Any) -> tuple[Floats, Ints]:
     _check_extensions(set(primitive.get("extensions", {})) - {"KHR_draco_mesh_compression"})
     vertices = _accessor(glb, primitive["attributes"]["POSITION"], 3).astype(np.float64)
-    for target, weight in zip(primitive.get("targets", []), weights, strict=False):
+    targets = primitive.get("targets", [])
+    for target, weight in zip(targets, weights or [0.0] * len(targets), strict=True):
         if weight and "POSITION" in target:
             vertices = vertices + float(weight) * _accessor(glb, target["POSITION"], 3)
         if weight and any(name.startswith(("COLOR", "TEXCOORD")) for name in target):
@@ -296,7 +299,8 @@ def _part(glb: _Glb, vertices: Floats, faces: Ints, primitive: dict[str, Any]) -
         if not np.isfinite(uv).all() or len(uv) != len(vertices):
             raise ValueError("not one finite place in the texture for each vertex")
     alpha = str(material.get("alphaMode", "OPAQUE"))
-    return GlbPart(vertices, faces, factor, colours, picture, uv, alpha)
+    shines = any(material.get("emissiveFactor", ()))
+    return GlbPart(vertices, faces, factor, colours, picture, uv, alpha, shines)
 
 
 def _checked(colours: Any, shape: tuple[int, ...], name: str) -> Floats:

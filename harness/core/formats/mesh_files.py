@@ -54,6 +54,10 @@ def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh
         if suffix == ".obj":
             return read_obj(path, texture=texture, seams=seams)
         return _READERS[suffix](path)
+    except DataError as error:
+        if not error.hint:
+            error.hint = "Export it again from the program that made it"
+        raise
     except OSError as error:
         raise DataError(f"could not read {path}: {error.strerror or error}") from error
 

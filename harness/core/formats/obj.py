@@ -17,7 +17,7 @@ from harness.core.arrays import Bytes, Floats, Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.formats.coloured_mesh import FileColours
-from harness.core.formats.mtl import texture_image
+from harness.core.formats.mtl import decoded, texture_image
 from harness.core.formats.polygons import cut_polygons
 from harness.core.mesh import Mesh
 
@@ -28,6 +28,8 @@ _NEWLINE, _SPACE, _TAB, _SLASH, _POINT, _MINUS = b"\n \t/.-"
 _EXACT_DIGITS, _MOST_SHOWN = 15, 100
 #: Surfaces that are no polygons, other files, and keywords that only other programs write.
 _REFUSED = (b"surf", b"call", b"fo", b"F", b"V")
+#: What else than a letter lines start with: comments, and what programs write as such.
+_MARKS, _LAST_DIGIT, _DELETE = b"#$!%&;/", ord("9"), 127
 
 
 def read_obj(path: Path, *, texture: bool, seams: bool = False) -> Mesh:
@@ -96,6 +98,13 @@ class _ObjFile:
                     expected="v, vt and f records in small letters, and all of them in this file",
                     hint="Export it again as a mesh of polygons",
                 )
+        if odd := self.records.first_odd():
+            raise DataError(
+                f"{path} has a line that is no record of the format",
+                expected="a keyword, a blank, and what it says",
+                got=odd,
+                hint="Export it again: it may be a part of the surface",
+            )
         self.vertices = _numbers(self.records.lines(b"v"), path, "v")
         self.corners = _Corners(self.records, path)
 
@@ -155,8 +164,21 @@ class _Records:
 
     def texts(self, keyword: bytes) -> list[str]:
         """The text after a keyword, line by line."""
-        lines = self.lines(keyword).tobytes().splitlines()
-        return [line.decode(errors="replace").strip() for line in lines]
+        return [decoded(line).strip() for line in self.lines(keyword).tobytes().splitlines()]
+
+    def first_odd(self) -> str:
+        """The first line that may be a part of the surface, and has no keyword; empty if none."""
+        first = self._first
+        second = self._text[np.minimum(self._starts + 1, len(self._text) - 1)]
+        odd = ((first <= _LAST_DIGIT) | (first >= _DELETE)) & (first != _NEWLINE)
+        odd &= ~np.isin(first, np.frombuffer(_MARKS, np.uint8))
+        odd |= ((first == ord("v")) | (first == ord("f"))) & (
+            (second <= _LAST_DIGIT) & (second != _SPACE) & (second != _TAB) | (second >= _DELETE)
+        )
+        if not odd.any():
+            return ""
+        start = int(self._starts[np.argmax(odd)])
+        return _first_odd_line(self._text[start : start + _MOST_SHOWN + 1], lambda _: False)
 
     def count_before(self, keyword: bytes, later: bytes) -> Ints:
         """How many lines of a keyword come before each line of another one."""

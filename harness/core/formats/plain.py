@@ -36,11 +36,11 @@ def read_off(path: Path) -> Mesh:
         if (
             min(vertex_count, face_count) < 0
             or len(vertex_rows) < vertex_count
-            or len(polygons) < face_count
+            or len(rows) != 1 + vertex_count + face_count
         ):
             raise ValueError(
                 f"{len(vertex_rows)} of {vertex_count} vertices, "
-                f"{len(polygons)} of {face_count} faces"
+                f"{len(rows) - 1 - len(vertex_rows)} of {face_count} faces"
             )
         vertices = np.array([row[:3] for row in vertex_rows], dtype=np.float64)
         counts = np.array([int(row[0]) for row in polygons], dtype=np.int64)

@@ -31,6 +31,7 @@ _CHANNELS = ("red", "green", "blue")
 #: What programs call the texture coordinates of vertices.
 _COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _MOST_HEADER_BYTES = 65_536
+_MORE = "more rows than its header tells"
 #: Every line ends as the first one does; a binary file may go on with any byte.
 _HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r)(.*?)(?<=[\r\n])end_header[ \t]*\1", re.DOTALL)
 
@@ -168,6 +169,10 @@ def _header(text: str) -> tuple[str, list[_Element]]:
             elements[-1].properties.append(found)
         elif words[0] == "property":
             elements[-1].properties.append(_Property(words[2], _KINDS[words[1]]))
+    for group in (elements, *(element.properties for element in elements)):
+        names = [each.name for each in group]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two of one name among {', '.join(names)}")
     return _BYTE_ORDERS[layout], elements
 
 
@@ -229,6 +234,8 @@ def _binary_tables(
             offset += taken * row.itemsize
             left -= taken
             run = 2 * run if taken == fitting else 1
+    if content[offset:].strip(b" \t\r\n\0"):
+        raise ValueError(_MORE)
     return tables
 
 
@@ -260,6 +267,8 @@ def _ascii_tables(body: bytes, elements: list[_Element]) -> dict[str, dict[str, 
             table = np.loadtxt(list(run), dtype=np.float64, comments=None, ndmin=2)
             _split_columns(table, element, lengths, columns)
         tables[element.name] = columns
+    if lines:
+        raise ValueError(_MORE)
     return tables
 
 

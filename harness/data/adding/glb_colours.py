@@ -34,6 +34,8 @@ def glb_painted(path: Path, told: list[str]) -> tuple[Mesh, Paint, str] | None:
     """
     parts = read_glb_parts(path)
     pieces = [piece for part in parts if _has_colours(part) for piece in _pieces(part, path)]
+    if any(part.shines for part in parts):
+        told.append("light of its own materials (emissiveFactor) is left out of its colours")
     # One plain colour all over is how programs write a surface that has none.
     shades = {bytes(paint.pixels[0, 0]) for *_, paint, source in pieces if source == _PLAIN}
     if all(source == _PLAIN for *_, source in pieces) and len(shades) < 2:

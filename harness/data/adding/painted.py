@@ -153,14 +153,7 @@ def _paint_of(colours: FileColours, look: _Look, chosen: Ints) -> tuple[Paint, s
     """What some faces show, and where it comes from, in words."""
     mesh = colours.mesh
     if isinstance(look, Picture) and mesh.uv is not None and mesh.face_uv is not None:
-        try:
-            pixels = load_rgb(look.path)
-        except DataError as error:
-            raise DataError(
-                f"the texture of {mesh.source} is missing or damaged",
-                got=error.what,
-                hint="Copy the image next to the mesh, where the mesh or its material names it",
-            ) from error
+        pixels = load_rgb(look.path)
         uv = mesh.uv * look.scale + look.offset if look.is_placed else mesh.uv
         return Paint(pixels, uv, mesh.face_uv[chosen]), "texture"
     if colours.vertices is not None:

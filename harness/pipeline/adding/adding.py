@@ -197,7 +197,7 @@ def _dataset(request: AddRequest, rules: Rules, found: FoundFolder, root: str) -
         root=root,
         scale=rules.scale,
         facing=rules.facing,
-        hidden="dropped" if request.drop_hidden else "kept",
+        hidden=rules.hidden,
         subjects=tuple(found.subjects),
     )
 

@@ -16,6 +16,7 @@ from harness.core.units import UNITS_RULE
 from harness.data.adding.converted import UPS, Conversion
 from harness.data.adding.layouts import FoundFolder, Layout
 from harness.data.adding.named_files import why_converted
+from harness.data.scans import ADDED, is_outer
 from harness.data.thuman_trees import find_thuman
 from harness.pipeline.adding.request import AddRequest
 
@@ -40,6 +41,7 @@ class Rules:
         facing: The manifest's rule.
         conversion: How scans are converted; None where they are read where they lie.
         words: All of it for people.
+        hidden: ``dropped`` if layers that no outside ray reaches are left out, now or before.
     """
 
     kind: Literal["thuman", "scans"]
@@ -47,6 +49,7 @@ class Rules:
     facing: Facing
     conversion: Conversion | None
     words: str
+    hidden: Literal["kept", "dropped"]
 
 
 def rules_of(found: FoundFolder, request: AddRequest) -> Rules:
@@ -76,16 +79,18 @@ def rules_of(found: FoundFolder, request: AddRequest) -> Rules:
         )
     rule = "metres" if scale in _METRES else scale
     height = _HEIGHT.fullmatch(scale)
-    conversion = None
+    conversion, places = None, found.subjects.values()
+    outer = request.drop_hidden or all(is_outer(path.with_name(ADDED)) for path in places)
     if reason:
         metres = float(height[1]) if height else 0.0
         conversion = Conversion(up, metres, _METRES.get(scale, 1.0), request.grey,
-                                request.drop_hidden, found.root)  # fmt: skip
+                                outer, found.root)  # fmt: skip
     kind = "thuman" if has_fits else "scans"
     words = f"up {up}, scale {scale}, facing {facing}"
     if found.layout is Layout.tree:
         words += f"; converted: {reason}" if reason else "; read where they lie"
-    return Rules(kind, rule, _facing(facing, tuple(found.subjects)), conversion, words)
+    facings = _facing(facing, tuple(found.subjects))
+    return Rules(kind, rule, facings, conversion, words, "dropped" if outer else "kept")
 
 
 def _why_converted(found: FoundFolder, request: AddRequest) -> str:

@@ -143,6 +143,7 @@ def _with_masks(
         below = path.absolute().relative_to(top)
         if masks is None:
             mask = pictures.find(view.mask) if view.mask else None
+            mask = None if mask and mask.samefile(path) else mask  # no photo is its own mask
         else:
             mask = find_mask(masks / below.parent, path)
             mask = find_mask(masks, path) if mask is None and is_flat else mask

@@ -10,6 +10,7 @@ from pathlib import Path
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import checked_name, named_from
+from harness.core.files.reach import inside
 from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh, save_mesh
 from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
@@ -94,8 +95,8 @@ def score_folder(request: FolderRequest, progress: Progress) -> list[Outcome]:
     """One record per subject of the dataset; a subject without a mesh is ``missing``, not dropped.
 
     Raises:
-        HarnessError: no such folder, not one mesh named by a subject, or a name that no method may
-            have or that one run here has.
+        HarnessError: no such folder, not one mesh named by a subject, or a link out of it, a name
+            that no method may have or that one run here has.
     """
     checked_name("method", request.name)
     if request.name in METHODS.targets():
@@ -138,7 +139,7 @@ def _mesh_of(folder: Path, subject: str) -> Path | None:
             expected="one",
             got=", ".join(path.name for path in found),
         )
-    return found[0] if found else None
+    return inside(folder, found[0], folder) if found else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -210,7 +210,7 @@ def test_a_picture_that_is_missing_or_damaged_is_named(tmp_path):
     picture = tmp_path / "lower.png"
     whole = picture.read_bytes()
     picture.write_bytes(b"no picture")
-    with pytest.raises(DataError, match="missing or damaged.*lower.png"):
+    with pytest.raises(DataError, match="lower.png is not a complete image"):
         read_painted(path)
     picture.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(DataError):
@@ -360,6 +360,22 @@ def test_each_face_shows_its_material(tmp_path, mtl, names, head, rest, told):
     painted = read_painted(put_materials(tmp_path, mtl, *names))
     np.testing.assert_array_equal(of_faces(painted), np.where(HEAD[:, None], head, rest))
     assert painted.told == told
+
+
+def test_names_in_an_older_encoding_stay_two(tmp_path):
+    path = put_materials(tmp_path, "", "\xe9", "\xe8")
+    path.write_bytes(path.read_text("utf-8").encode("latin-1"))
+    (tmp_path / "material0.mtl").write_bytes(b"newmtl \xe9\nKd 1 0 0\nnewmtl \xe8\nKd 0 0 1\n")
+    shown = of_faces(read_painted(path))
+    np.testing.assert_array_equal(shown, np.where(HEAD[:, None], (255, 0, 0), (0, 0, 255)))
+
+
+def test_one_name_for_two_materials_is_refused(tmp_path):
+    path = put_materials(tmp_path, "newmtl a\nmap_Kd red.png\nnewmtl a\nKd 0 0 1\n", "a", "a")
+    with pytest.raises(DataError, match="'a' of .* is defined twice, and differently"):
+        read_painted(path)
+    path = put_materials(tmp_path, 2 * "newmtl a\nKd 1 0 0\n" + "newmtl b\nKd 0 0 1\n", "a", "b")
+    assert of_faces(read_painted(path))[HEAD].tolist() == [[255, 0, 0]] * int(HEAD.sum())
 
 
 @pytest.mark.parametrize(
@@ -605,6 +621,13 @@ def test_transparency_is_told(tmp_path, alpha):
     told: list[str] = []
     assert glb_painted(glb_of(tmp_path / "p.glb", material), told)
     assert told == [f"its materials of alpha {alpha} are opaque here"]
+
+
+def test_light_of_its_own_is_told(tmp_path):
+    material = rough(baseColorTexture=TEXTURE) | {"emissiveFactor": [0, 0.2, 0]}
+    told: list[str] = []
+    assert glb_painted(glb_of(tmp_path / "p.glb", material), told)
+    assert told == ["light of its own materials (emissiveFactor) is left out of its colours"]
 
 
 def test_a_polygon_with_a_notch_has_its_area_when_it_is_added(tmp_path):

@@ -12,7 +12,6 @@ from harness.cli.options import Json, Timeout, WorkspacePath, limit_s
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.core.formats.typed_json import to_json
-from harness.core.plain_text import plain_text
 from harness.data.captures.pictures import photo_folder
 from harness.data.captures.reading import find_cameras
 from harness.pipeline.importing.request import AUTO, ImportRequest, import_capture
@@ -174,9 +173,9 @@ def import_photos(
         return
     print(f"{subject}: {made.views} photos in {made.directory}")
     for line in made.notes:
-        print(f"  {plain_text(line)}")
+        print(f"  {line}")
     for line in made.warnings:
-        print(f"  warning: {plain_text(line)}")
+        print(f"  warning: {line}")
     print(f"Next: harness reconstruct {subject} --method hull,mexecon+")
 
 

@@ -23,7 +23,6 @@ from harness.cli.options import (
 from harness.cli.output import print_json
 from harness.cli.verb_list import verb_group
 from harness.core.formats.typed_json import to_json
-from harness.core.plain_text import plain_text
 from harness.data.manifest import load_manifest
 from harness.pipeline.foreign.added_methods import AddedMethods
 from harness.pipeline.inputs.workspace import Workspace
@@ -128,9 +127,9 @@ def reconstruct_photos(
 
 def _show(done: Reconstructed) -> None:
     for line in done.notes:
-        print(f"  {plain_text(line)}")
+        print(f"  {line}")
     for line in done.warnings:
-        print(f"  warning: {plain_text(line)}")
+        print(f"  warning: {line}")
     for outcome in done.outcomes:
         if outcome.result is None:
             print(f"{outcome.method}: no mesh: {outcome.failure}")

@@ -20,7 +20,6 @@ from harness.cli.options import (
 )  # fmt: skip
 from harness.cli.output import print_json, print_outcomes
 from harness.cli.verb_list import verb_group
-from harness.core.plain_text import plain_text
 from harness.data.manifest import load_manifest
 from harness.pipeline.adding.adding import add_dataset
 from harness.pipeline.adding.request import UNSTATED_LICENCE, Added, AddRequest
@@ -194,7 +193,7 @@ def _print_added(added: Added) -> None:
             f"  {'FAILED' if each.failure else 'ok':8} {each.subject}: {each.failure or each.note}"
         )
         for warning in each.warnings:
-            print(f"           warning: {plain_text(warning)}")
+            print(f"           warning: {warning}")
     if not added.written:
         print(f"Nothing was added: {len(added.failed)} of {len(added.subjects)} subjects cannot be "
               "used. Mend them, or leave them out with --skip-bad")  # fmt: skip

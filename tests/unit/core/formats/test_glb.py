@@ -219,6 +219,7 @@ def test_broken_files(tmp_path: Path, content: bytes, message: str) -> None:
         (lambda d: d["nodes"][0].update(children=["0"]), "not a readable GLB .*TypeError"),
         (lambda d: d["nodes"][0].update(rotation=[0, 0, 1]), "not a readable GLB .*ValueError"),
         (lambda d: d["nodes"][0].update(rotation=[0, 0, 0, 0]), "mesh.glb: not a quaternion"),
+        (lambda d: with_target(d, meshes=[0.0, 1.0]), "not a readable GLB .*ValueError: zip"),
         (lambda d: d["nodes"][0].update(matrix=[1, 0]), "not a readable GLB .*reshape"),
         (lambda d: d["nodes"][0].update(scale=[0, 0, 0]), "no measurable surface"),
         (lambda d: d["nodes"][0].update(translation=[float("nan"), 0, 0]), "non-finite vertices"),
@@ -248,6 +249,7 @@ LIFT = np.array([[0, 0, 0]] * 3 + [[0, 0, 2]], "<f4").tobytes()
         ({"nodes": [0.25]}, 1.5),
         ({"meshes": [1.0], "nodes": [-0.25]}, 0.5),
         ({"meshes": [1.0], "nodes": [0.0]}, 1.0),
+        ({"meshes": [0.5], "nodes": []}, 2.0),
         ({}, 1.0),
     ],
 )

@@ -103,6 +103,20 @@ def test_a_truncated_file_is_always_an_error(
             load_mesh(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "hint"),
+    [
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 # belly\n", "Export it again"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "A point cloud has to be meshed"),
+        ("a.off", "off\n", "Export it again"),
+    ],
+)
+def test_a_refusal_says_what_to_do(tmp_path: Path, name: str, content: str, hint: str) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(DataError, match=rf"{name} .*\. {hint}"):
+        load_mesh(tmp_path / name)
+
+
 @pytest.mark.parametrize("suffix", MESH_SUFFIXES)
 def test_a_file_that_is_not_there(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(DataError, match="no mesh at .*absent"):

@@ -138,7 +138,8 @@ def test_the_only_material_is_taken_where_no_other_is_named(tmp_path, names):
 
 @pytest.mark.parametrize(
     ("text", "colour"),
-    [("0.05 0.1 0.7", (0.05, 0.1, 0.7)), ("0.5", (0.5, 0.5, 0.5)), ("2 -1 0", (1, 0, 0)),
+    [("0.05 0.1 0.7", (0.05, 0.1, 0.7)), ("0.5", (0.5, 0.5, 0.5)), ("204 100 50", None),
+     ("0.5 -1 0", None), ("nan 0 0", None),
      ("spectral file.rfl", None), ("", None)],
 )  # fmt: skip
 def test_plain_colours(tmp_path, text, colour):

@@ -72,6 +72,7 @@ def test_off_with_vertex_colours(tmp_path: Path) -> None:
         ("OFF\nfive 5 0\n", "truncated or broken .*'five'"),
         (OFF[: OFF.index("3 2 3 4")], "truncated or broken .*5 of 5 vertices, 3 of 5 faces"),
         (OFF[: OFF.index("1 1 0")], "truncated or broken .*2 of 5 vertices, 0 of 5 faces"),
+        (OFF + "3 0 1 2\n", "truncated or broken .*5 of 5 vertices, 6 of 5 faces"),
         (OFF.replace("3 1 2 4", "3 1 2"), "truncated or broken .*a face row '3 1 2'"),
         (OFF.replace("3 1 2 4", "2 1 2"), "truncated or broken .*a face row '2 1 2'"),
         (OFF.replace("3 1 2 4", "3 1 2.5 4"), "truncated or broken .*'2.5'"),

@@ -283,6 +283,13 @@ def test_a_body_under_its_clothes_is_told_and_left_out_of_the_truth(place):
     hidden = body.area / (body.area + clothes.area)
     assert completeness["both"] == pytest.approx(hidden * 300.0, rel=0.02)
     assert len(truth.faces) == len(clothes.faces)
+    # What it wrote is added again as what it is, in place and copied.
+    for name, words in (("again", ()), ("copied", ("--copy",))):
+        source = "data/outer/model"
+        code, out = harness(
+            "data", "add", name, source, "--scale", "metres", "--facing", "+z", *words
+        )
+        assert (code, added(place, name, "a")[0].hidden) == (0, "dropped"), out
     # The records say so, and an entry that says so of other scans is refused.
     manifest = load_manifest(place / "data_manifest.yaml")
     dataset, root = manifest.datasets["outer"], manifest.root("outer", place)

@@ -288,6 +288,16 @@ def test_masks_lie_in_folders_as_photos_do(tmp_path):
     assert [photo.mask for photo in found.photos] == [tmp_path / "masks/cam0/a.png", None]
 
 
+def test_no_photo_is_its_own_mask(tmp_path):
+    camera = RingRig(views=1).cameras(30, 40)[0]
+    foreign = ForeignCameras(
+        tmp_path / "t.json", "nerfstudio", (ForeignView("a.png", camera, mask="./a.png"),)
+    )
+    (tmp_path / "a.png").write_bytes(b"")
+    with pytest.raises(DataError, match=r"1 of 1 photos have no mask .*: a.png"):
+        matched_photos(tmp_path, foreign, None)
+
+
 def test_an_empty_mask_and_a_cut_person_are_said(native, tmp_path):
     folder = exported(native, tmp_path / "out", masks=True)
     Image.fromarray(np.zeros((160, 90), np.uint8)).save(folder / "masks" / "002.png")

@@ -121,6 +121,14 @@ def test_a_folder_of_files_is_refused_mesh_by_mesh(tmp_path):
         assert word in record.reason
 
 
+def test_a_link_out_of_a_folder_of_files_is_refused(tmp_path):
+    (tmp_path / "mine").mkdir()
+    save_mesh(tmp_path / "elsewhere.ply", person())
+    (tmp_path / "mine" / "a.ply").symlink_to(tmp_path / "elsewhere.ply")
+    with pytest.raises(DataError, match="mine names a file outside the folders"):
+        scored_folder(tmp_path, ["a"])
+
+
 def test_records_of_a_folder_name_files_without_the_machines_folders(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "t1.ply").write_text("ply or so")
