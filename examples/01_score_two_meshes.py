@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from toy_world import ellipsoid
 
-from harness.core.mesh import Mesh
-from harness.core.metric_catalog import METRICS
-from harness.data.manifest import load_manifest
-from metrics.score import score
+import harness
 
 RADIUS_M = 0.5
 TOO_LARGE_BY_M = 0.010
 
 
-def sphere(radius_m: float) -> Mesh:
+def sphere(radius_m: float) -> harness.Mesh:
     """A finely triangulated sphere at the origin."""
     return ellipsoid((0.0, 0.0, 0.0), (radius_m, radius_m, radius_m), rings=128)
 
@@ -30,22 +27,16 @@ def main() -> None:
     print(f"A sphere that is {1000 * TOO_LARGE_BY_M:.0f} mm too large on every side.")
 
     # A protocol says how many points are drawn and which distances are measured.
-    manifest = load_manifest()
     for name in ("exact", "mexecon"):
-        protocol = manifest.protocol(name)
-        result = score(prediction, truth, protocol)
         print(f"\nProtocol {name}:")
-        for key, value in result.metrics.items():
-            print(
-                f"  {METRICS[key].title:18} {value.value:7.3f} {value.unit}"
-                f" ± {value.standard_error:.3f}"
-            )
-        for warning in result.warnings:
-            print(f"  warning: {warning}")
+        print(harness.score(prediction, truth, name))  # files would do as well
 
     # Chamfer of "mexecon" is larger, because it measures from point to point and not to the
     # surface. Its normal error is larger, because it repeats the published evaluator's mistakes.
     print("\nUnder 'exact' the three distances are 10 mm, and the normals agree.")
+
+    chamfer = harness.score(prediction, truth, "exact").metrics["chamfer"]
+    print(f"One number: {chamfer.value:.3f} {chamfer.unit} ± {chamfer.standard_error:.3f}")
 
 
 if __name__ == "__main__":

@@ -17,15 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.frames import (
+from harness import (
     BLENDER_TO_WORLD,
+    Camera,
+    RingRig,
+    camera_yaw_deg,
     quaternion_from_rotation,
+    read_cameras,
     write_colmap,
     write_transforms_json,
 )
-from harness.core.cameras.rigs import RingRig, camera_yaw_deg
-from harness.data.captures.reading import read_cameras
 
 #: World metres: the corners of a box as large as a person.
 POINTS = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.9, 0.9) for z in (-0.2, 0.2)])

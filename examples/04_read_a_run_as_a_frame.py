@@ -10,9 +10,7 @@ from pathlib import Path
 
 from toy_world import SUBJECTS, figure, make_world, run_harness
 
-from harness.core.formats.mesh_files import save_mesh
-from harness.pipeline.run.store import RunStore
-from reports.tables.frame import frame
+import harness
 
 
 def make_run(world: Path) -> None:
@@ -23,7 +21,7 @@ def make_run(world: Path) -> None:
             # "slim" has no result for t3; its record says so and is not dropped.
             if (method, subject) != ("slim", "t3"):
                 mesh = figure(height_m, thicker_by_m)
-                save_mesh(world / method / f"{subject}.ply", mesh.geometry())
+                harness.save_mesh(world / method / f"{subject}.ply", mesh.geometry())
         run_harness(
             world,
             *("score", method, "--dataset", "toy", "--name", method),
@@ -36,7 +34,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         world = Path(name)
         make_run(world)
-        records = frame(RunStore(world / "runs" / "demo").records())
+        records = harness.read_run(world / "runs" / "demo")
 
     # One row per method and subject; failed and missing subjects are rows, too.
     print("Rows that are not ok:")

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from harness.core.formats.obj import write_obj
-from harness.core.mesh import Mesh
+from harness import Mesh, save_mesh
 
 #: The subjects of the dataset ``toy`` and their heights in metres.
 SUBJECTS = {"t1": 1.6, "t2": 1.7, "t3": 1.8}
@@ -99,7 +98,7 @@ def make_world(folder: Path) -> None:
     for subject, height_m in SUBJECTS.items():
         place = folder / "scans" / "model" / subject
         place.mkdir(parents=True)
-        write_obj(place / f"{subject}.obj", figure(height_m))
+        save_mesh(place / f"{subject}.obj", figure(height_m))
         (place / "material0.mtl").write_text("newmtl material0\nmap_Kd material0.jpeg\n")
         ramp = np.linspace(60, 220, 64, dtype=np.uint8)
         pixels = np.stack(np.broadcast_arrays(ramp[:, None], ramp[None], np.uint8(120)), axis=-1)

@@ -130,6 +130,7 @@ def score_all(
     truth: Mesh,
     protocols: Sequence[MetricProtocol],
     *,
+    keep_points: bool = False,
     misplaced: Misplaced = "refuse",
 ) -> dict[str, Score | HarnessError]:
     """As ``score``, under several protocols that share what is alike, by the protocol's name.
@@ -146,7 +147,7 @@ def score_all(
     found: dict[str, Score | HarnessError] = {}
     for protocol in protocols:
         try:
-            found[protocol.name] = _score(pair, protocol, False, misplaced)
+            found[protocol.name] = _score(pair, protocol, keep_points, misplaced)
         except HarnessError as error:
             found[protocol.name] = error
     reasons = [each for each in found.values() if isinstance(each, HarnessError)]

@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.artifacts import Capture, Reconstruction
-from harness.core.cameras.camera import Camera
-from harness.core.errors import MethodError
-from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo
-from harness.geometry.images import load_mask
+from harness import (
+    Camera,
+    Capture,
+    Context,
+    Mesh,
+    MethodError,
+    MethodInfo,
+    Privilege,
+    Reconstruction,
+    load_mask,
+)
 
 # Views count from the front: of eight, view 2 shows the subject's left side.
 _FRONT, _SIDE = 0, 2

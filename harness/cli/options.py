@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.core.errors import HarnessError
-from harness.core.files.names import checked_name
-from harness.data.manifest import subject_range
+from harness.data.manifest import listed_names
 
 
 def _some(context: typer.Context, parameter: typer.CallbackParam, value: str) -> str:
@@ -168,6 +167,4 @@ def split_names(text: str) -> tuple[str, ...]:
     Raises:
         HarnessError: something that is no name.
     """
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    found = [single for name in names for single in subject_range(name) or (name,)]
-    return tuple(checked_name("method or subject", name) for name in dict.fromkeys(found))
+    return listed_names(text)

@@ -18,7 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 from harness.core.field_protocols import FIELD_PROTOCOLS
-from harness.core.files.names import NAME_RULE, is_name
+from harness.core.files.names import NAME_RULE, checked_name, is_name
 from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
 from harness.data.generators import AVATARS, brought_datasets
@@ -57,6 +57,18 @@ def subject_range(text: str) -> tuple[str, ...]:
     if len(numbers) > _MOST_SUBJECTS:
         return ()
     return tuple(f"{match['prefix']}{number:0{len(match['low'])}d}" for number in numbers)
+
+
+def listed_names(given: str | Sequence[str]) -> tuple[str, ...]:
+    """Names in a sequence or in a text with commas, each once; ranges stand for their ids.
+
+    Raises:
+        HarnessError: something that is no name.
+    """
+    texts = given.split(",") if isinstance(given, str) else given
+    names = [text.strip() for text in texts if text.strip()]
+    found = [single for name in names for single in subject_range(name) or (name,)]
+    return tuple(checked_name("method or subject", name) for name in dict.fromkeys(found))
 
 
 class SubjectClass(_Strict):
@@ -387,6 +399,6 @@ def installed_manifest_path() -> Path:
     return next((path for path in candidates if path.is_file()), candidates[0])
 
 
-def load_manifest(path: Path | None = None) -> Manifest:
+def load_manifest(path: str | Path | None = None) -> Manifest:
     """The checked manifest in a file, by default the one of ``default_manifest_path``."""
-    return Manifest(path or default_manifest_path())
+    return Manifest(Path(path) if path else default_manifest_path())

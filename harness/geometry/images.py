@@ -36,7 +36,7 @@ _WHITE_16 = 65535
 _PNG_END = b"IEND\xaeB`\x82"
 
 
-def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
+def load_rgba(path: str | Path, size: tuple[int, int] | None = None) -> Bytes:
     """(H, W, 4) uint8 of an RGBA PNG: sRGB colour (not premultiplied) and coverage.
 
     Args:
@@ -46,7 +46,7 @@ def load_rgba(path: Path, size: tuple[int, int] | None = None) -> Bytes:
     Raises:
         DataError: no such file, not a PNG, truncated or damaged, another mode or size.
     """
-    rgba = _photos(PictureFile.of(path))
+    rgba = _photos(PictureFile.of(Path(path)))
     height, width = rgba.shape[:2]
     if size is not None and (width, height) != tuple(size):
         raise DataError(
@@ -112,7 +112,7 @@ def _decoded(path: Path) -> Bytes:
     return pixels
 
 
-def load_mask(path: Path, size: tuple[int, int] | None = None) -> Floats:
+def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Floats:
     """(H, W) coverage in [0, 1] of an RGBA PNG: its alpha. Raises as ``load_rgba``."""
     return load_rgba(path, size)[..., 3] / 255.0
 

@@ -18,7 +18,7 @@ MESH_SUFFIXES = (".ply", ".obj", ".glb", ".off", ".stl")
 MOST_MESH_BYTES = 512 * 2**20
 
 
-def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh:
+def load_mesh(path: str | Path, *, texture: bool = False, seams: bool = False) -> Mesh:
     """The mesh in a file, unchanged: nothing is merged, dropped, scaled or turned.
 
     Args:
@@ -62,9 +62,10 @@ def load_mesh(path: Path, *, texture: bool = False, seams: bool = False) -> Mesh
         raise DataError(f"could not read {path}: {error.strerror or error}") from error
 
 
-def save_mesh(path: Path, mesh: Mesh) -> None:
+def save_mesh(path: str | Path, mesh: Mesh) -> None:
     """Write a mesh atomically as PLY (binary) or OBJ, by the path's extension."""
     writers = {".ply": write_ply, ".obj": write_obj}
+    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in writers:
         raise DataError(f"cannot write {path}", expected=" or ".join(writers), got=suffix)

@@ -22,6 +22,8 @@ from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import read_json, write_json
 
 _DIGITS = 16
+#: What offers names that stand for other modules: ``import harness``, then ``harness.Mesh``.
+_DOOR = "harness"
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
 
@@ -93,10 +95,13 @@ def _parsed(content: bytes, path: Path, name: str) -> ModuleSource:
     imports: dict[str, None] = {}
     texts: dict[str, None] = {}
     identifiers: set[str] = set()
+    door = {_DOOR}
+    used: list[tuple[str, str]] = []
     for node in ast.walk(tree):
         match node:
             case ast.Import():
                 imports |= dict.fromkeys(alias.name for alias in node.names)
+                door |= {each.asname or _DOOR for each in node.names if each.name == _DOOR}
             case ast.ImportFrom():
                 origin = _origin(node, package)
                 imports |= dict.fromkeys(f"{origin}.{alias.name}" for alias in node.names)
@@ -107,8 +112,11 @@ def _parsed(content: bytes, path: Path, name: str) -> ModuleSource:
                 identifiers.add(node.id)
             case ast.Attribute():
                 identifiers.add(node.attr)
+                if isinstance(node.value, ast.Name):
+                    used.append((node.value.id, node.attr))
             case _:
                 pass
+    imports |= dict.fromkeys(f"{_DOOR}.{attribute}" for name, attribute in used if name in door)
     digest = hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:_DIGITS]
     return ModuleSource(digest, tuple(imports), tuple(texts), frozenset(identifiers))
 

@@ -4,6 +4,9 @@ Starting from some modules, every ``import`` is followed, also inside functions,
 into the same packages. Other packages are represented by the version of their distribution.
 Comments, docstrings, formatting, ``__version__`` and imports only for type checkers do not count.
 
+What ``import harness`` offers stands for the module behind it: ``from harness import Mesh`` counts
+``harness.core.mesh``, and one more public name there changes no result.
+
 Two kinds of text name a module without importing it. The dotted name of a worker, such as
 ``"renderers.blender.worker"``, is followed; a registry's target, such as
 ``"methods.hull:hull8"``, is not, or everything that can be chosen would count as chosen.
@@ -21,6 +24,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
+import harness
 from harness.core.errors import HarnessError
 from harness.core.process.module_source import ModuleSource, module_source
 
@@ -108,10 +112,10 @@ class SourceTree:
                 raise HarnessError(f"there is no source of the module '{root}'")
         found: dict[str, ModuleSource] = {}
         outside: set[str] = set()
-        asked, single = set(without), set[str]()
+        asked, single = {"harness", *without}, set[str]()
         waiting = list(roots)
         while waiting:
-            for name in _with_parents(waiting.pop()):
+            for name in _with_parents(_behind_door(waiting.pop())):
                 if name in asked:
                     continue
                 asked.add(name)
@@ -149,6 +153,12 @@ class SourceTree:
             if path.is_file():
                 return path
         return None
+
+
+def _behind_door(name: str) -> str:
+    """The module of what ``import harness`` offers under a name; other names as they are."""
+    top, _, rest = name.partition(".")
+    return harness.OFFERED.get(rest, name) if top == "harness" else name
 
 
 def _with_parents(name: str) -> Iterator[str]:

@@ -44,7 +44,7 @@ def find_cameras(folder: Path) -> Path:
     return published[0]
 
 
-def read_cameras(path: Path, photos: Path | None = None) -> ForeignCameras:
+def read_cameras(path: str | Path, photos: Path | None = None) -> ForeignCameras:
     """The cameras in a file or folder, in its own world axes and unit of length.
 
     Args:
@@ -54,6 +54,7 @@ def read_cameras(path: Path, photos: Path | None = None) -> ForeignCameras:
     Raises:
         DataError: no such file, a layout that is not known, or a damaged file.
     """
+    path = Path(path)
     if not path.exists():
         raise DataError(f"no camera file at {path}")
     reader = _reader(path, photos)

@@ -22,9 +22,9 @@ class Workspace:
     root: Path
 
     @classmethod
-    def default(cls, named: Path | None = None) -> Workspace:
+    def default(cls, named: str | Path | None = None) -> Workspace:
         """The workspace that a command uses."""
-        return cls((named or Path(os.environ.get("HARNESS_WORKSPACE", "."))).resolve())
+        return cls(Path(named or os.environ.get("HARNESS_WORKSPACE", ".")).resolve())
 
     def capture(self, dataset: str, subject: str, recipe: str) -> Path:
         """Folder of one capture."""

@@ -1,9 +1,8 @@
-"""Scoring meshes made elsewhere: a pair of files, or a folder with one mesh per subject."""
+"""Scoring a folder of meshes made elsewhere, one per subject."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from harness.core.files.hashing import file_sha256
 from harness.core.files.names import checked_name, named_from
 from harness.core.files.reach import inside
 from harness.core.formats.mesh_files import MESH_SUFFIXES, load_mesh, save_mesh
-from harness.core.mesh import Mesh
 from harness.core.privileges import Privilege
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record, Status
@@ -27,41 +25,11 @@ from harness.pipeline.run.result_files import MESH_FILE
 from harness.pipeline.run.store import CellFolder, Outcome, RunStore
 from harness.pipeline.scoring.meshes import mesh_scores
 from methods.catalog import METHODS
-from metrics.score import Score, score, score_all
 
 _SEAMS = (
     "normals end at the seams of its texture, which the mesh that is kept does not have: hand in "
     "results of a mesh without texture coordinates, such as a PLY"
 )
-
-
-def score_pair(
-    predicted: Path, truth: Path, protocol: MetricProtocol, *, keep_points: bool = False
-) -> Score:
-    """The metrics of two mesh files that are already in metres and in one frame.
-
-    Raises:
-        DataError: a mesh that cannot be read or compared.
-    """
-    return score(*_both(predicted, truth), protocol, keep_points=keep_points, misplaced="refuse")
-
-
-def score_pair_by_all(
-    predicted: Path, truth: Path, protocols: Sequence[MetricProtocol]
-) -> dict[str, Score | HarnessError]:
-    """As ``score_pair``, read once for several protocols, by name; or why one cannot measure.
-
-    Raises:
-        DataError: a mesh that cannot be read, or compared by any protocol.
-    """
-    return score_all(*_both(predicted, truth), protocols, misplaced="refuse")
-
-
-def _both(predicted: Path, truth: Path) -> tuple[Mesh, Mesh]:
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        ours = pool.submit(load_mesh, predicted, seams=True)
-        true = pool.submit(load_mesh, truth, seams=True)
-    return ours.result(), true.result()
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,20 +24,15 @@ from harness.cli.verb_list import verb_group
 from harness.core.array_files.npz import write_npz
 from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
-from harness.core.metric_catalog import METRICS
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import load_manifest
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.inputs.sealed import Look, admit
 from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.elsewhere import (
-    FolderRequest,
-    score_folder,
-    score_pair,
-    score_pair_by_all,
-)
+from harness.pipeline.run.elsewhere import FolderRequest, score_folder
 from harness.pipeline.run.protocol_scores import score_protocols
 from harness.pipeline.run.store import RunStore
+from harness.pipeline.scoring.pair import score as score_meshes
 from metrics.score import Score
 
 app = verb_group("score")
@@ -99,31 +94,30 @@ def score(
     The exit code is 1 when a subject of the dataset has no mesh, or one that cannot be scored, and
     when one of several protocols cannot measure a pair.
     """
-    checked = load_manifest(manifest)
-    rules = checked.protocols_of(protocol)
-    rule = rules[0]
     if gt is not None and not dataset:
         of_folders = {
             "--name": name, "--title": title, "--subjects": subjects, "--reason": reason,
             "--run": run != "main",
         }  # fmt: skip
         _check_pair(predicted, gt, points, of_folders)
-        if len(rules) > 1:
-            _print_protocols(predicted, gt, rules, points, as_json=as_json)
-            return
-        outcome = score_pair(predicted, gt, rule, keep_points=points is not None)
+        kept = points is not None
+        found = score_meshes(predicted, gt, protocol, keep_points=kept, manifest=manifest)
         if points is not None:
-            _write_points(points, outcome)
-        _print_pair(predicted, gt, rule, outcome, as_json=as_json)
+            _write_points(points, found.single)
+        print_json(found.to_dict()) if as_json else print(found)
+        if found.failed:
+            raise typer.Exit(1)
     elif dataset and gt is None:
         _check_folder(name, points)
+        checked = load_manifest(manifest)
+        rule, *further = checked.protocols_of(protocol)
         place = Workspace.default(workspace)
         truth = ScanSet.select(checked, place, dataset, split_names(subjects))
         look = Look("scores of meshes", truth.name, truth.subjects, reason, (name,))
         admit(checked, place, look, shown_progress())
         store = RunStore(place.run(run))
         request = FolderRequest(predicted, name, title or name, truth, rule, store)
-        _score_folder(request, rules[1:], as_json=as_json)
+        _score_folder(request, further, as_json=as_json)
     else:
         raise HarnessError(
             f"no truth was named to compare {predicted} with",
@@ -158,89 +152,6 @@ def _check_pair(
             )
     if points is not None and points.suffix != ".npz":
         raise HarnessError(f"--points {points}", expected="a file that ends in .npz")
-
-
-def _as_it_lies(truth: Path) -> str:
-    """What a reader should know of a truth in the place of a dataset's scan; empty elsewhere."""
-    folder = truth.resolve().parent
-    if folder.parent.name != "model" or folder.name != truth.stem:
-        return ""
-    return (
-        f"{truth} is compared as it lies in its file; a dataset's scan is turned, scaled and "
-        "centred when it is read: score meshes in the world frame with --dataset and --name"
-    )
-
-
-def _print_pair(
-    predicted: Path, truth: Path, rule: MetricProtocol, outcome: Score, *, as_json: bool
-) -> None:
-    warnings = [*outcome.warnings, *filter(None, [_as_it_lies(truth)])]
-    if as_json:
-        about = {"predicted": str(predicted), "truth": str(truth), "warnings": warnings}
-        print_json({**outcome.to_dict(), **about})
-        return
-    print(f"{predicted} against {truth}, protocol {rule.name} v{rule.version}")
-    _print_metrics(outcome)
-    for warning in warnings:
-        print(f"  warning: {warning}")
-
-
-def _print_metrics(outcome: Score) -> None:
-    mexecon = not outcome.protocol.summary
-    for key, value in outcome.metrics.items():
-        # A name is one publication's: what others call P2S or NC is something else.
-        title = METRICS[key].title if mexecon else key
-        floor = f"   floor {value.floor:.3f} {value.unit}" if value.floor else ""
-        print(
-            f"  {title:18} {value.value:9.3f} {value.unit:3} "
-            f"± {value.standard_error:.3f} (standard error, n = {value.n}){floor}"
-        )
-    done = outcome.alignment
-    if done.by != "none":
-        mirror = ", mirrored" if done.mirrored else ""
-        print(
-            f"  aligned by {done.by}: scale {done.scale:.4f}{mirror}, mean vertex distance "
-            f"{done.before_mm:.2f} mm before and {done.after_mm:.2f} mm after"
-        )
-
-
-def _print_protocols(
-    predicted: Path,
-    truth: Path,
-    rules: Sequence[MetricProtocol],
-    points: Path | None,
-    *,
-    as_json: bool,
-) -> None:
-    """One pair under several protocols; a protocol that cannot measure it says why."""
-    if points is not None:
-        raise HarnessError("--points is of one protocol", got=str(len(rules)))
-    outcomes = score_pair_by_all(predicted, truth, rules)
-    failed = {name: each for name, each in outcomes.items() if isinstance(each, HarnessError)}
-    scores = {name: each for name, each in outcomes.items() if isinstance(each, Score)}
-    notice = list(filter(None, [_as_it_lies(truth)]))
-    if as_json:
-        print_json(
-            {
-                "predicted": str(predicted),
-                "truth": str(truth),
-                "warnings": notice,
-                "protocols": {name: each.to_dict() for name, each in scores.items()},
-                "failed": {name: str(error) for name, error in failed.items()},
-            }
-        )
-    else:
-        print(f"{predicted} against {truth}")
-        for name, outcome in scores.items():
-            print(f"protocol {name} v{outcome.protocol.version}")
-            _print_metrics(outcome)
-        for name, error in failed.items():
-            print(f"protocol {name}: {error}")
-        doubts = (warning for each in scores.values() for warning in each.warnings)
-        for warning in dict.fromkeys([*doubts, *notice]):
-            print(f"  warning: {warning}")
-    if failed:
-        raise typer.Exit(1)
 
 
 def _write_points(path: Path, outcome: Score) -> None:

@@ -27,7 +27,6 @@ from harness.cli.verbs.showing.report_options import (
     refuse_with_records,
 )
 from harness.data.manifest import load_manifest
-from harness.pipeline.board.record_file import read_record_file
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.figure_request import FigureRequest, draw_figure
 from harness.pipeline.report.figures import FIGURES
@@ -51,6 +50,7 @@ from harness.pipeline.report.tables import (
     writer_of,
     written,
 )
+from harness.pipeline.run.record_file import read_record_file
 from harness.pipeline.run.store import RunStore
 from harness.pipeline.seeds import table_of_seeds
 

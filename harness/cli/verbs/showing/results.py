@@ -29,10 +29,10 @@ from harness.pipeline.board.compare import changed_entries, changes_markdown, co
 from harness.pipeline.board.copying import export_results, merge_entry, withheld
 from harness.pipeline.board.entries import Entry, entries_in
 from harness.pipeline.board.page import write_board_page
-from harness.pipeline.board.record_file import write_record_file
 from harness.pipeline.board.verify import NO_RECORD, Truths, Verification, verify_entry
 from harness.pipeline.inputs.workspace import Workspace
 from harness.pipeline.report.tables import in_order
+from harness.pipeline.run.record_file import write_record_file
 from harness.pipeline.run.store import RunStore
 
 app = verb_group("results")

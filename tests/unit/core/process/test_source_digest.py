@@ -131,6 +131,23 @@ def test_what_is_left_out_is_not_followed(folder: Path) -> None:
     assert set(found.packages) == {"numpy", "scipy"}
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["from harness import Mesh", "import harness; harness.Mesh", "import harness as h; h.Mesh"],
+)
+def test_a_public_name_counts_as_the_module_behind_it(folder: Path, line: str) -> None:
+    """... and the door itself not, or one more name in it would make every record stale."""
+    mesh = folder / "harness" / "core" / "mesh.py"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text("Mesh = 1\n")
+    (folder / "harness" / "__init__.py").write_text("OFFERED = {}\n")
+    (folder / "methods" / "one.py").write_text(f"{line}\n")
+    found = SourceTree.below(folder).digest(["methods.one"])
+
+    assert set(found.modules) == {"methods", "methods.one", "harness.core.mesh"}
+    assert found.uses("Mesh")
+
+
 def test_names_are_found_in_code_alone(folder: Path) -> None:
     found = SourceTree.below(folder).digest(["methods.one"])
 

@@ -20,8 +20,9 @@ from harness.data.manifest import Dataset
 from harness.pipeline.inputs.scan_set import ScanSet
 from harness.pipeline.progress import Silent
 from harness.pipeline.run.cell import Truth, scores_of
-from harness.pipeline.run.elsewhere import FolderRequest, score_folder, score_pair
+from harness.pipeline.run.elsewhere import FolderRequest, score_folder
 from harness.pipeline.run.store import RunStore
+from harness.pipeline.scoring.pair import score
 
 PROTOCOL = MetricProtocol("mexecon", 2, 2000, "independent", "sample-to-sample")
 #: Neither body nor normals are scored here, so no photo is looked at.
@@ -81,7 +82,7 @@ def test_a_pair_of_files_is_refused(tmp_path, name):
     save_mesh(tmp_path / "mine.ply", misplaced(name))
     save_mesh(tmp_path / "truth.ply", person())
     with pytest.raises(DataError) as refusal:
-        score_pair(tmp_path / "mine.ply", tmp_path / "truth.ply", PROTOCOL)
+        score(tmp_path / "mine.ply", tmp_path / "truth.ply", PROTOCOL)
     assert MISTAKES[name][2] in str(refusal.value)
 
 

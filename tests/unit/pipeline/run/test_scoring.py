@@ -8,7 +8,7 @@ import pytest
 from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
-from harness.pipeline.run.elsewhere import score_pair
+from harness.pipeline.scoring.pair import score
 
 SPLIT = MetricProtocol("mexecon", 2, 3000, "independent", "sample-to-sample", texture_seams="split")
 
@@ -31,7 +31,7 @@ def test_the_seams_of_both_files_count_where_the_protocol_says_so(tmp_path):
     save_mesh(tmp_path / "plain.obj", roof().geometry())
 
     def error(predicted: str, truth: str, protocol: MetricProtocol) -> float:
-        outcome = score_pair(tmp_path / predicted, tmp_path / truth, protocol)
+        outcome = score(tmp_path / predicted, tmp_path / truth, protocol)
         return outcome.metrics["normal_error"].value
 
     smooth = replace(SPLIT, texture_seams="smooth")

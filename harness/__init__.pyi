@@ -1,0 +1,43 @@
+"""What ``import harness`` offers, a line for each name; ``__init__.py`` reads it, too."""
+
+from harness.core.artifacts import Body as Body
+from harness.core.artifacts import Capture as Capture
+from harness.core.artifacts import NormalMaps as NormalMaps
+from harness.core.artifacts import Reconstruction as Reconstruction
+from harness.core.cameras.camera import Camera as Camera
+from harness.core.cameras.frames import BLENDER_TO_WORLD as BLENDER_TO_WORLD
+from harness.core.cameras.frames import quaternion_from_rotation as quaternion_from_rotation
+from harness.core.cameras.frames import write_colmap as write_colmap
+from harness.core.cameras.frames import write_transforms_json as write_transforms_json
+from harness.core.cameras.rigs import RingRig as RingRig
+from harness.core.cameras.rigs import camera_yaw_deg as camera_yaw_deg
+from harness.core.errors import DataError as DataError
+from harness.core.errors import HarnessError as HarnessError
+from harness.core.errors import MethodError as MethodError
+from harness.core.errors import MissingPart as MissingPart
+from harness.core.errors import ProtocolMismatch as ProtocolMismatch
+from harness.core.formats.mesh_files import load_mesh as load_mesh
+from harness.core.formats.mesh_files import save_mesh as save_mesh
+from harness.core.mesh import Mesh as Mesh
+from harness.core.privileges import Privilege as Privilege
+from harness.core.protocols import Configurable as Configurable
+from harness.core.protocols import Context as Context
+from harness.core.protocols import Deviation as Deviation
+from harness.core.protocols import Method as Method
+from harness.core.protocols import MethodInfo as MethodInfo
+from harness.core.protocols import Part as Part
+from harness.core.results import MetricValue as MetricValue
+from harness.core.settings import MetricProtocol as MetricProtocol
+from harness.data.captures.reading import read_cameras as read_cameras
+from harness.data.manifest import Manifest as Manifest
+from harness.data.manifest import load_manifest as load_manifest
+from harness.geometry.images import load_mask as load_mask
+from harness.geometry.images import load_rgba as load_rgba
+from harness.pipeline.run.frames import evaluate as evaluate
+from harness.pipeline.run.frames import read_run as read_run
+from harness.pipeline.scoring.pair import PairScores as PairScores
+from harness.pipeline.scoring.pair import score as score
+from metrics.score import Score as Score
+
+__version__: str
+OFFERED: dict[str, str]
