@@ -100,6 +100,8 @@ def _exit_code() -> int:
     except OSError as error:
         if error.errno == errno.EPIPE:
             return 1  # whoever reads has seen enough
+        if error.errno == errno.ENAMETOOLONG:
+            raise HarnessError(f"no file can be at {error.filename}: {error.strerror}") from error
         # Functions that write files say which one; nothing but printing is left.
         if error.filename is not None or error.errno not in NO_ROOM:
             raise

@@ -134,6 +134,17 @@ def test_what_is_printed_moves_no_cursor(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize("name", [".", "", "..", "/", "a" * 300])
+def test_what_is_no_place_for_a_file_is_told_in_one_line(tmp_path, name):
+    done = ended("report", "--table", "published", "-o", name, folder=tmp_path)
+
+    assert done.returncode == 2 + (len(name) < 3)
+    assert re.fullmatch(
+        rb"harness: (could not write /.*|no file can be at .*: File name too long)\n", done.stderr
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_closed_errors_disturb_nothing():
     assert ended("--version", redirection="2>&-").stdout.startswith(b"harness ")
     assert ended("nosuchverb", redirection="2>&-").returncode == 2

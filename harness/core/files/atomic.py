@@ -125,7 +125,9 @@ def _is_stream(path: Path) -> bool:
 
 
 def _without_link(path: Path) -> Path:
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
+    # The current folder and the one above have no name of their own there.
+    is_named = path.name not in ("", "..") and not path.is_symlink()
+    return path if is_named else Path(os.path.realpath(path))
 
 
 def _put_in_place(temporary: Path, path: Path) -> None:
@@ -175,6 +177,8 @@ def writing(path: Path) -> Generator[None]:
 
 
 def _temporary_sibling(path: Path) -> Path:
+    if path == path.parent:
+        raise WriteError(f"could not write {path}: it is the root of all files", hint="Name a file")
     # The suffix stays last, because writers such as Pillow and numpy choose the format by it.
     return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part{path.suffix}")
 

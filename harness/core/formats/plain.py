@@ -33,11 +33,7 @@ def read_off(path: Path) -> Mesh:
         vertex_count, face_count = int(rows[0][0]), int(rows[0][1])
         vertex_rows = rows[1 : 1 + vertex_count]
         polygons = rows[1 + vertex_count : 1 + vertex_count + face_count]
-        if (
-            min(vertex_count, face_count) < 0
-            or len(vertex_rows) < vertex_count
-            or len(rows) != 1 + vertex_count + face_count
-        ):
+        if min(vertex_count, face_count) < 0 or len(rows) != 1 + vertex_count + face_count:
             raise ValueError(
                 f"{len(vertex_rows)} of {vertex_count} vertices, "
                 f"{len(rows) - 1 - len(vertex_rows)} of {face_count} faces"

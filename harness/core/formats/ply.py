@@ -138,7 +138,9 @@ def _read_tables(path: Path) -> dict[str, dict[str, Runs]]:
         raise DataError(f"{path} is not a PLY file", expected="a header 'ply ... end_header'")
     try:
         order, elements = _header(header[2].decode("ascii", errors="replace"))
-        _check_counts(elements, len(content) - header.end())
+        rows, size = sum(element.count for element in elements), len(content) - header.end()
+        if rows > size:
+            raise ValueError(f"{rows} rows in {size} bytes")
     except (KeyError, ValueError, IndexError) as error:
         raise DataError(
             f"{path} has a header that cannot be read", got=f"{type(error).__name__}: {error}"
@@ -174,13 +176,6 @@ def _header(text: str) -> tuple[str, list[_Element]]:
         if len(set(names)) < len(names):
             raise ValueError(f"two of one name among {', '.join(names)}")
     return _BYTE_ORDERS[layout], elements
-
-
-def _check_counts(elements: list[_Element], size: int) -> None:
-    """Refuse more rows than the file has bytes."""
-    rows = sum(element.count for element in elements)
-    if rows > size:
-        raise ValueError(f"{rows} rows in {size} bytes")
 
 
 def _positions(tables: dict[str, dict[str, Runs]], path: Path) -> NDArray[np.float64]:

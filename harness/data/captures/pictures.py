@@ -37,8 +37,8 @@ _LEAST_CLEAR = 0.02
 #: Sides of pictures and of cameras are of one shape up to this share.
 _SAME_SHAPE = 0.01
 #: A mask's inside is about white. From this share of white on it is brightened, as one of 0 to 127
-#: is; below it, it has numbers of people or parts.
-_FULL, _DIM = 0.6, 0.25
+#: is; below it, it has numbers of people or parts. Its outside is about black.
+_FULL, _DIM, _DARK = 0.6, 0.25, 0.1
 _ROWS_AT_ONCE = 256
 
 
@@ -321,13 +321,15 @@ def _subject(values: NDArray[Any], path: Path) -> tuple[Bytes, bool]:
     white = next((white for white in (1, 255, 65535) if high <= white), 0)
     inside = float(np.median(values[values > high / 2])) if high > 0 else white
     is_marked = low == 0 and len(np.unique(values)) == 2
-    if low < 0 or not white or (inside < _DIM * white and not is_marked):
+    is_lit = _DARK * white < low < high
+    if low < 0 or not white or is_lit or (inside < _DIM * white and not is_marked):
         raise DataError(
             f"{path} is no mask of one subject",
             expected="black around the subject, and white (1, 255 or 65535) or one other number",
             got=f"{len(np.unique(values))} numbers from {low:g} to {high:g}",
         )
-    coverage = _bytes(values * (255.0 / (inside if inside < _FULL * white else white)))
+    is_dim = is_marked or inside < _FULL * white
+    coverage = _bytes(values * (255.0 / (inside if is_dim else white)))
     mask = coverage >= 128
     if mask.all():
         raise DataError(f"{path} says that the subject covers the whole picture")
