@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from harness import HarnessError, evaluate, read_run
+
 
 def records(world: Path, run: str = "main") -> dict[str, dict]:
     """Records by method/subject."""
@@ -144,7 +146,7 @@ def test_meshes_made_elsewhere(world, harness, eval_toy):
     assert "run here" in harness("score", "mine", "--dataset", "toy", "--name", "gt").stderr
 
 
-def test_score_pair_prints_json(world, harness):
+def test_score_of_a_pair_prints_json(world, harness):
     scan = "scans/model/t1/t1.obj"
     run = harness("score", scan, "--gt", scan, "--protocol", "exact", "--json", "--points", "p.npz")
     document = json.loads(run.stdout)
@@ -155,6 +157,24 @@ def test_score_pair_prints_json(world, harness):
     assert document["metrics"]["normal_error"]["unit"] == "deg"
     assert document["metrics"]["chamfer"]["value"] == pytest.approx(0, abs=1e-3)
     assert (world / "p.npz").is_file()
+
+
+@pytest.mark.usefixtures("measured")
+def test_a_run_from_python_is_that_of_the_command(world):
+    """What the command filed is current for ``evaluate``; another protocol is measured anew."""
+    place = {"workspace": str(world), "manifest": world / "data_manifest.yaml"}
+    before = records(world)
+
+    kept = evaluate("gt", "toy", ["t1", "t2"], "tiny", **place)
+    assert list(kept.status) == ["ok", "ok"]
+    assert records(world) == before
+    assert read_run(world / "runs" / "main").iloc[:2].equals(kept)
+    assert list(evaluate("gt", "toy", "t1", "tiny", "exact", "other", **place).protocol) == [
+        "exact"
+    ]
+    assert set(records(world, "other")) == {"gt/t1"}
+    with pytest.raises(HarnessError, match=r"unknown protocol 'exakt'\. Did you mean 'exact'"):
+        evaluate("gt", "toy", "t1", "tiny", "exakt", **place)
 
 
 @pytest.mark.usefixtures("photographed")
