@@ -15,7 +15,8 @@ def timeless(run: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for path in sorted(run.glob("*/*/record.json")):
         record = json.loads(path.read_text())
-        record.pop("created_utc")
+        for name in ("created_utc", "digest"):  # the digest is over the date, too
+            record.pop(name)
         record["details"].pop("machine")
         # Which code made it counts in its key; a commit of something else may come meanwhile.
         for name in ("commit", "dirty"):

@@ -173,6 +173,10 @@ class _Ignored:
     def __new__(cls, *_: object, **__: object) -> _Ignored:
         return object.__new__(cls)
 
+    def __call__(self, *_: object, **__: object) -> _Ignored:
+        """Stand for what the call of a method would give, too."""
+        return self
+
     def __setstate__(self, state: object) -> None:
         pass
 

@@ -30,6 +30,8 @@ _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": "
 _CHANNELS = ("red", "green", "blue")
 #: What programs call the texture coordinates of vertices.
 _COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+#: One number for each vertex or face, never a list.
+_SINGLE = {*"xyz", *_CHANNELS, *(name for pair in _COORDINATES for name in pair), "texnumber"}
 _MOST_HEADER_BYTES = 65_536
 _MORE = "more rows than its header tells"
 #: Every line ends as the first one does; a binary file may go on with any byte.
@@ -167,6 +169,8 @@ def _header(text: str) -> tuple[str, list[_Element]]:
             if elements[-1].count < 0:
                 raise ValueError(" ".join(words))
         elif words[:2] == ["property", "list"]:
+            if words[4] in _SINGLE:
+                raise ValueError(f"a list as {words[4]}")
             found = _Property(words[4], _KINDS[words[3]], _KINDS[words[2]])
             elements[-1].properties.append(found)
         elif words[0] == "property":

@@ -11,6 +11,7 @@ import pytest
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.hashing import file_sha256
+from harness.core.protocols import Part
 from methods.parts.folders import parts_folder
 from methods.parts.kind import ImportOptions, State
 
@@ -23,12 +24,7 @@ def test_what_was_imported_is_found_with_what_was_noted(toy, toy_file, parts):
     assert list(toy.installed()) == [part] == [toy.find().installed] == [toy.find("toy").installed]
     assert toy.find().file("upper.txt").read_text() == "TOY TRAIN"
     assert (part.title, part.licence, part.bytes) == ("toy of 9 letters", "CC0-1.0", 10)
-    assert part.part("plaything").to_dict() == {
-        "role": "plaything",
-        "name": "toy of 9 letters",
-        "licence": "CC0-1.0",
-        "sha256": part.sha256,
-    }
+    assert part.part("plaything") == Part("plaything", "toy of 9 letters", "CC0-1.0", part.sha256)
     note = json.loads((parts / "toy" / "toy" / "part.json").read_text())
     assert note["licence"] == "CC0-1.0"
     assert note["source"] == {"name": "toy.txt", "bytes": 9, "sha256": file_sha256(toy_file)}
