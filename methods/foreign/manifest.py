@@ -85,10 +85,10 @@ def read_described(kind: type[T], path: Path, noun: str) -> T:
         DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
     """
     try:
-        entries = tomllib.loads(path.read_text(encoding="utf-8"))
+        entries = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise DataError(f"no readable file at {path}: {error.strerror or error}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DataError(f"{path} is not TOML: {error}") from error
     if "folder" in entries:
         raise DataError(f"{path} is not {noun}", got="an entry 'folder'")

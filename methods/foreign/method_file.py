@@ -126,6 +126,7 @@ def _problem(method: MethodFile) -> str:
     rooms = {name for room, own in method.settings.items() for name in (room, *own)}
     lent = [each.value for each in method.privileges if each in _NOT_LENT]
     settings = [f"{room}.{name}" for room, own in method.settings.items() for name in own]
+    given = [*method.command, *(str(v) for own in method.settings.values() for v in own.values())]
     words = [word for text in method.command for word in _BRACES.findall(text)]
     unknown = [word for word in words if word not in (*_WORDS, *settings)]
     left = [word for word in _NEEDED if word not in words]
@@ -133,6 +134,9 @@ def _problem(method: MethodFile) -> str:
         f"{', '.join(unshown)} must be a line of text": bool(unshown),
         "settings must be named in small letters, such as voxel_m below [settings.carve]": any(
             not _ROOM.fullmatch(name) for name in rooms
+        ),
+        "no command and no setting may hold nan, inf or a zero byte": any(
+            "\0" in text or text in ("nan", "inf", "-inf") for text in given
         ),
         f"'{method.name}' cannot be a name ({NAME_RULE})": not is_name(method.name),
         "give one of python, conda and image": sum(places) > 1,

@@ -99,12 +99,7 @@ class _ObjFile:
                     hint="Export it again as a mesh of polygons",
                 )
         if odd := self.records.first_odd():
-            raise DataError(
-                f"{path} has a line that is no record of the format",
-                expected="a keyword, a blank, and what it says",
-                got=odd,
-                hint="Export it again: it may be a part of the surface",
-            )
+            raise DataError(f"{path} has a line that is no record of the format", got=odd)
         self.vertices = _numbers(self.records.lines(b"v"), path, "v")
         self.corners = _Corners(self.records, path)
 

@@ -51,6 +51,10 @@ WRONG = {
     "must begin with a program, not with '{run.first}'": (
         "command", COMMAND.replace('["', '["{run.first}", "') + '\n[settings.run]\nfirst = "a"'
     ),
+    "is not TOML: maximum recursion": ("-", "views = " + 3000 * "[" + 3000 * "]"),
+    "no setting may hold nan, inf": ("-", "[settings.a]\nvoxel_m = nan"),
+    "may hold nan, inf or a zero": ("-", "[settings.a]\nvoxel_m = 1e400"),
+    "inf or a zero byte": ("command", COMMAND.replace('"]', r'", "\u0000"]')),
     "title must be a line of text": ("title", r'title = "\u001b[2Jgone"'),
     "licence must be a line of text": ("licence", r'licence = "MIT\n* faked"'),
 }  # fmt: skip
