@@ -164,7 +164,7 @@ class Portraits:
             np.bincount(corners, (angles * axis[:, None]).ravel(), count)
             for axis in _unit(self._surface.face_vectors).T
         ]
-        return _unit(np.stack(sums, axis=1)), group
+        return _unit(np.stack(sums, axis=1).astype(np.float64)), group
 
 
 def _axes(yaw_deg: float) -> Floats:

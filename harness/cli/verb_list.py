@@ -13,7 +13,6 @@ import importlib
 from importlib.metadata import entry_points
 from typing import Any
 
-import click
 import typer
 from typer.core import TyperCommand, TyperGroup
 
@@ -102,7 +101,7 @@ class Verbs(TyperGroup):
         for name, summary in all_verbs().items():
             self.add_command(_LazyVerb(name, help=summary, rich_markup_mode=None))
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A verb by name.
 
         Raises:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints, Mask, Singles
+from harness.core.arrays import Floats, Ints32, Mask, Singles
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex
 from methods.closed.lattices import (
@@ -43,7 +44,7 @@ class Hollows:
     surface: Mesh
     lattice: Lattice
     depth_m: Singles
-    number: Ints
+    number: Ints32
     count: int
     outside_m: Singles
     below_m: Singles
@@ -87,7 +88,8 @@ def hollows_of(mesh: Mesh, radius_m: float, step_m: float, least_m3: float) -> H
     solid = depth_m > 0
     outside_m = way_to_others(~solid, step_m)
     closed_m = way_to_others(outside_m <= radius_m, step_m) - np.float32(radius_m)
-    number, count = label((closed_m > _ROUGH_STEPS * step_m) & ~solid)
+    numbered: Any = label((closed_m > _ROUGH_STEPS * step_m) & ~solid)
+    number, count = numbered
     points = np.bincount(number.ravel(), minlength=count + 1)[1:]
     large = points * step_m**3 >= least_m3
     renumbered = np.zeros(count + 1, dtype=np.int32)

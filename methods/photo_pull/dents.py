@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats, Ints, Mask
+from harness.core.arrays import Floats, Ints, Ints32, Mask
 from harness.core.mesh import Mesh
 from methods.closed.hollows import Hollows, hollows_of
 from methods.photo_pull.task import StereoTask
@@ -95,7 +96,7 @@ def without_dents(
     return Undented(found.filled(chosen), told, found.count, found.volumes_m3()[chosen])
 
 
-def _numbers_around(found: Hollows) -> Ints:
+def _numbers_around(found: Hollows) -> Ints32:
     """(X, Y, Z) number of the hollow that a point of the lattice is in or near; 0 of none."""
     from scipy.ndimage import grey_dilation
 
@@ -105,7 +106,7 @@ def _numbers_around(found: Hollows) -> Ints:
     return numbers
 
 
-def _at(found: Hollows, places: Floats, values: NDArray[np.generic]) -> NDArray[np.generic]:
+def _at(found: Hollows, places: Floats, values: NDArray[Any]) -> NDArray[Any]:
     """(N,) the lattice's values at the points nearest to world places (N, 3)."""
     lattice = found.lattice
     indices = np.round((places - lattice.origin) / lattice.step_m).astype(np.int64)

@@ -68,7 +68,7 @@ class Neighbourhood:
         first, second = self._edges.T
         alike = where[first] & where[second] & (np.abs(values[first] - values[second]) < step)
         patch = components(len(self.mesh.vertices), first[alike], second[alike])
-        area: Floats = np.bincount(patch, self.areas_m2 * where)
+        area = np.bincount(patch, self.areas_m2 * where).astype(np.float64)
         return area[patch] * where
 
     def motion(self, offsets: Floats, weights: Floats, membrane_m: float) -> Floats:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from harness.core.arrays import Floats, Mask
+from harness.core.arrays import Floats, Ints, Mask
 from harness.core.errors import DataError
 from metrics.photos.likeness import psnr_db, ssim_map
 
@@ -81,13 +81,14 @@ def view_numbers(
     return {"psnr": psnr_db(mine[within], true[within]), "ssim": _ssim(mine, true, recipe.ssim)}
 
 
-def _nearest(shape: tuple[int, ...], shorter_px: int) -> tuple[Floats, Floats]:
+def _nearest(shape: tuple[int, ...], shorter_px: int) -> tuple[Ints, Ints]:
     """Rows and columns of the pixels that a picture of another size takes."""
     scale = shorter_px / min(shape) if shorter_px else 1.0
     axes = (
         np.minimum((np.arange(round(side * scale)) / scale).astype(int), side - 1) for side in shape
     )
-    return np.ix_(*axes)
+    rows, columns = np.ix_(*axes)
+    return rows, columns
 
 
 def _box(mask: Mask, margin: int) -> tuple[slice, slice]:
@@ -102,7 +103,8 @@ def _ssim(mine: Floats, true: Floats, windows: str) -> float:
     if windows == "uniform":
         from skimage.metrics import structural_similarity
 
-        return float(structural_similarity(true, mine, data_range=1.0, channel_axis=2))
+        similarity: Any = structural_similarity(true, mine, data_range=1.0, channel_axis=2)
+        return float(similarity)
     inner = slice(_HALF_WINDOW, -_HALF_WINDOW)
     maps = [ssim_map(mine[..., c], true[..., c])[inner, inner].mean() for c in range(3)]
     return float(np.mean(maps))

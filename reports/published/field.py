@@ -55,13 +55,13 @@ _BOTH = (Privilege.TRUE_BODY, Privilege.TRUE_NORMALS)
 
 def _sith(method: str, trained_on: str, line: str) -> Printed:
     keys = ("p_to_s", "s_to_p", "nc", "f_score")
-    numbers = dict(zip(keys, line.split(), strict=True))
+    numbers: dict[str, str] = dict(zip(keys, line.split(), strict=True))
     note = "The program prints mm, the page cm"
     return Printed(method, "sith", _CUSTOM, _SITH, numbers, "cm", (), trained_on, note)
 
 
 def _econ(data: str, line: str) -> Printed:
-    numbers = dict(zip(("chamfer", "p2s", "nc"), line.split(), strict=True))
+    numbers: dict[str, str] = dict(zip(("chamfer", "p2s", "nc"), line.split(), strict=True))
     return Printed("ECON", "econ", data, _ECON, numbers, "ndc-cm")
 
 

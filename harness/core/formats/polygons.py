@@ -76,7 +76,12 @@ def _flattened(polygons: Floats) -> Floats:
     right = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
     right /= np.maximum(np.linalg.norm(right, axis=1, keepdims=True), 0.5)
     axes = right, np.cross(normal, right)
-    return np.stack([np.einsum("nkj,nj->nk", arms, axis) for axis in axes], axis=-1)
+    # numpy 1's own annotation of einsum is not whole.
+    flat = [
+        np.einsum("nkj,nj->nk", arms, axis)  # pyright: ignore[reportUnknownMemberType]
+        for axis in axes
+    ]
+    return np.stack(flat, axis=-1)
 
 
 def _fans(polygons: Floats) -> tuple[Ints, NDArray[np.bool_]]:
@@ -104,7 +109,8 @@ def _turns(flat: Floats) -> Floats:
     """(n, k) by how much polygons (n, k, 2) turn to the left at each corner, in radians."""
     sides = np.roll(flat, -1, axis=1) - flat
     before = np.roll(sides, 1, axis=1)
-    return np.arctan2(_cross(before, sides), np.einsum("nkj,nkj->nk", before, sides))
+    along = np.einsum("nkj,nkj->nk", before, sides)  # pyright: ignore[reportUnknownMemberType]
+    return np.arctan2(_cross(before, sides), along)
 
 
 def _is_fan(flat: Floats) -> NDArray[np.bool_]:

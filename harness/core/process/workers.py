@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, cast, get_type_hints
 
 from harness.core.errors import HarnessError, MethodError, error_values, found_error
 from harness.core.files.atomic import read_json, write_json
@@ -200,7 +200,9 @@ def typed_job(handle: Callable[..., object], values: Any) -> Any:
         DataError: the values are not those of such a job.
     """
     kind: Any = next(iter(get_type_hints(handle).values()), None)
-    return from_json(kind, values, "the job", "one") if is_dataclass(kind) else values
+    if not is_dataclass(kind):
+        return values
+    return from_json(cast("type[Any]", kind), values, "the job", "one")
 
 
 def _say_progress(done: int, total: int) -> None:

@@ -82,8 +82,9 @@ def _pieces(part: GlbPart, path: Path) -> list[_Piece]:
             )
         found: list[_Piece] = []
         for number in shown:
-            paint = Paint(_tinted(pixels, shades[number]), part.uv, faces[which == number])
-            found.append((vertices, paint.face_uv, paint, "texture"))
+            tinted = faces[which == number]
+            paint = Paint(_tinted(pixels, shades[number]), part.uv, tinted)
+            found.append((vertices, tinted, paint, "texture"))
         if runs.any():
             # Along borders of colours, faces run from corner to corner.
             height, width = pixels.shape[:2]

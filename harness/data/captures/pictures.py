@@ -276,7 +276,8 @@ def read_photo(
         alpha, inverted = _subject(own.shown(values), mask)
         alpha = turn.stored(alpha) if reading.mask_shown else alpha
         if alpha.shape != rgba.shape[:2]:
-            alpha = _bytes(resampled(alpha.astype(float), rgba.shape[1::-1], "bilinear"))
+            height, width = rgba.shape[:2]
+            alpha = _bytes(resampled(alpha.astype(float), (width, height), "bilinear"))
     elif has_alpha:
         alpha, inverted = _subject(alpha, path)
     rgba = np.dstack([rgba[..., :3], alpha])
@@ -334,7 +335,7 @@ def _subject(values: NDArray[Any], path: Path) -> tuple[Bytes, bool]:
     if mask.all():
         raise DataError(f"{path} says that the subject covers the whole picture")
     inverted = all(side.mean() > 0.5 for side in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
-    return (255 - coverage if inverted else coverage), inverted
+    return (~coverage if inverted else coverage), inverted
 
 
 @dataclass(frozen=True, slots=True)

@@ -192,7 +192,7 @@ def _held_distance_m(body: ParametricBody, views: Views, start: Parameters) -> f
     """The distance at which the body of a single view is held; None with more views."""
     import torch
 
-    if len(views.views) > 1:
+    if len(views.views) != 1:
         return None
     view = views.views[0]
     if view.place.depth_is_known:

@@ -131,6 +131,7 @@ class _Search:
 
         weighed = here.weights()[:, None] * jacobian
         normal, slope = jacobian.T @ weighed, weighed.T @ here.rows()[0]
+        step, there = torch.zeros_like(slope), here
         for _ in range(most_tries):
             damped = normal + torch.diag(self._damping * normal.diagonal() + 1e-9)
             step = -torch.linalg.solve(damped, slope)
