@@ -86,8 +86,15 @@ LONG_TESTS = (
 )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Among several processes, files come in the order of how long they take, roughly."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Nightly tests run when they are asked for: with ``-m "not slow"`` they do not, either.
+
+    Among several processes, files come in the order of how long they take, roughly.
+    """
+    if "nightly" not in config.option.markexpr:
+        nightly = [item for item in items if item.get_closest_marker("nightly")]
+        config.hook.pytest_deselected(items=nightly)
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
     if "PYTEST_XDIST_WORKER" in os.environ:
         slow = Counter(
             item.path

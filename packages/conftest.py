@@ -1,4 +1,4 @@
-"""What the tests here and those of each package share: which ones run."""
+"""Which tests of the packages run, also without those of the bench."""
 
 from __future__ import annotations
 
