@@ -34,21 +34,20 @@ def text_page(info: MethodInfo) -> str:
 
 
 def markdown_pages(infos: Sequence[MethodInfo]) -> str:
-    """All methods as one Markdown document: what they see and use, then each deviation once."""
+    """All methods as one Markdown document: what they see, then each deviation once."""
     lines = [
         "# Methods",
         "",
         "Written by `harness methods docs`; `harness methods show NAME` prints one with its "
-        "settings.",
+        "parts and settings.",
         "",
-        "| name | title | views | parts | given beyond pixels | deviations |",
-        "|---|---|---|---|---|---:|",
+        "| name | title | views | given beyond pixels | deviations |",
+        "|---|---|---|---|---:|",
     ]
     of: dict[Deviation, list[str]] = {}
     for info in infos:
         given = ", ".join(privilege.label for privilege in info.privileges)
-        parts = "; ".join(text for _, text in _parts(info))
-        cells = (info.title, _views(info), parts, given, str(len(info.deviations)))
+        cells = (info.title, _views(info), given, str(len(info.deviations)))
         lines.append(f"| `{info.name}` | {' | '.join(cells)} |")
         for deviation in info.deviations:
             of.setdefault(deviation, []).append(f"`{info.name}`")

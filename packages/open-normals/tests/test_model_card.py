@@ -13,7 +13,7 @@ from normal_training.training_runs import provenance, sittings_of, spans
 
 ROOT = Path(__file__).parents[3]
 WEIGHTS = ROOT / "packages" / "open-normals" / "open_normals"
-CARD = (ROOT / "docs" / "model_card.md").read_text(encoding="utf-8")
+CARD = (ROOT / "packages" / "open-normals" / "MODEL_CARD.md").read_text(encoding="utf-8")
 RESULTS = (ROOT / "docs" / "lab" / "results.md").read_text(encoding="utf-8")
 TITLES = {"mexecon+": "MExECON+, N views"}
 
@@ -23,7 +23,7 @@ def test_the_card_is_of_the_shipped_file() -> None:
     stored = shipped[OPEN_NETWORK]
 
     assert f"# Model card: `{OPEN_NETWORK}`" in CARD
-    assert "(../packages/open-normals/open_normals/PROVENANCE.md)" in CARD
+    assert "(open_normals/PROVENANCE.md)" in CARD
     assert (
         f"`packages/open-normals/open_normals/{stored['file']}`, {stored['bytes'] / 1e6:.1f} MB"
         in CARD

@@ -1,6 +1,6 @@
 """Protocol ``mexecon`` against a plain re-implementation of the published evaluator.
 
-What the published evaluator does is told in ``docs/protocols.md``; here it is written down once
+What the published evaluator does is told in ``docs/metrics.md``; here it is written down once
 more with Open3D's own reader, sampler, normals and search, and nothing of ours.
 """
 
