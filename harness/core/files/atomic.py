@@ -246,7 +246,9 @@ def parsed_json(content: str | bytes, source: str | Path) -> dict[str, Any]:
     """
     try:
         text = content if isinstance(content, str) else content.decode("utf-8-sig")
-        value: object = json.loads(text, parse_constant=refuse_constant)
+        value: object = json.loads(
+            text, parse_constant=refuse_constant, object_pairs_hook=_each_name_once
+        )
     except (ValueError, RecursionError) as error:
         raise DataError(f"{source} is not valid JSON: {error}") from error
     if not _is_object(value):
@@ -254,6 +256,16 @@ def parsed_json(content: str | bytes, source: str | Path) -> dict[str, Any]:
             f"{source} is not a JSON object", expected="{ ... }", got=type(value).__name__
         )
     return value
+
+
+def _each_name_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of these pairs; of a name that stands twice, Python would take the last one."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the name {twice!r} stands twice in one object")
+    return found
 
 
 def refuse_constant(name: str) -> float:

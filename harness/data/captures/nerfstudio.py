@@ -23,7 +23,7 @@ _ORDINARY = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = "OPENCV_FISHEYE"
 #: Other ways to tell cameras and poses that instant-ngp or nerfstudio read.
 _OTHER_KINDS = ("ftheta_p0", "latlong", "equirectangular", "orthographic", "from_mitsuba",
-                "distortion_params")  # fmt: skip
+                "distortion_params", "distortion", "rolling_shutter")  # fmt: skip
 #: What each lens has. The k4 of an ordinary lens is the fourth radial number in these files, which
 #: OpenCV's model has below the line; with k5, k6 and the like it is refused.
 _PARAMETER = re.compile(r"[kpsb]\d")
@@ -145,7 +145,11 @@ def _matrix(values: Mapping[str, Any]) -> Floats:
 def _lens(values: Mapping[str, Any]) -> Lens:
     is_fisheye = values.get("is_fisheye")
     model = values.get("camera_model") or (_FISHEYE if is_fisheye else "OPENCV")
-    kinds = [name for name in _OTHER_KINDS if values.get(name)]
+    said = {name: values.get(name) for name in _OTHER_KINDS}
+    # A list of zeros says that there is none.
+    kinds = [
+        name for name, value in said.items() if (any(value) if isinstance(value, list) else value)
+    ]
     if is_fisheye not in (None, model == _FISHEYE):
         kinds.append(f"{model} with is_fisheye {is_fisheye}")
     if kinds or model not in (*_ORDINARY, _FISHEYE):

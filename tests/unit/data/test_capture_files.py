@@ -382,6 +382,8 @@ def test_fisheyes_are_told_in_two_ways(tmp_path, more, lens):
             {"distortion_params": [0.1, 0, 0, 0, 0, 0]},
             "camera model distortion_params is not known",
         ),
+        ({"distortion": [0.1, 0, 0, 0]}, "camera model distortion is not known"),
+        ({"rolling_shutter": [0, 0, 0.01, 0]}, "camera model rolling_shutter is not known"),
         ({"fl_x": "long"}, "frame 0: fl_x is no number.*'long'"),
         ({"fl_x": None, "fl_y": None}, "no focal length.*camera_angle_x in radians"),
         ({"fl_x": None, "fl_y": None, "camera_angle_x": 35.6}, "no angle in radians.*35.6"),

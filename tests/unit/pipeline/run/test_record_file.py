@@ -36,6 +36,7 @@ def test_the_file_does_not_depend_on_the_order_of_records(tmp_path: Path) -> Non
     [
         ("", "has no records"),
         ("{\n", "line 1 of .* is not valid JSON"),
+        ('{"seed": 1, "seed": 2}\n', "line 1 of .* is not valid JSON.*'seed' stands twice"),
         ("[" * 100_000 + "\n", "line 1 of .* is not valid JSON"),
         ("[]\n", "line 1 of .* is not a JSON object"),
         ('{"schema": 1000}\n', "line 1 of .* is not a record of this version"),
