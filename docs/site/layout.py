@@ -15,7 +15,7 @@ from harness.core.errors import HarnessError
 INDEX = "index"
 #: Where pages that show other files of the repository go.
 _SOURCES = "files"
-_LINK = re.compile(r"(?<=\]\()([^)\s#]+)(?=(?:#[^)\s]*)?\))")
+_LINK = re.compile(r"(?<=\]\()([^)\s#]+)(#[^)\s]*)?(?=\))")
 #: How code of a file is coloured, by suffix.
 _LANGUAGES = {
     ".py": "python",
@@ -24,6 +24,8 @@ _LANGUAGES = {
     ".yml": "yaml",
     ".cff": "yaml",
     ".json": "json",
+    # Notes and READMEs that are no pages.
+    ".md": "md",
 }
 
 
@@ -70,15 +72,16 @@ class Site:
         shown: dict[str, None] = {}
 
         def target(match: re.Match[str]) -> str:
-            link = match[1]
+            link, place = match[1], match[2] or ""
             if re.match(r"[a-z]+:", link):
-                return link
+                return link + place
             there = normpath(join(file, "..", link))
             if there in pages:
-                return _from(page, f"{pages[there]}.md")
+                return _from(page, f"{pages[there]}.md") + place
             if not _is_shown(self.root / there):
                 # Pictures of docs/ lie beside the pages.
-                return _from(page, there.removeprefix("docs/"))
+                return _from(page, there.removeprefix("docs/")) + place
+            # A file that is shown has no headings to lead to.
             shown[there] = None
             return _from(page, f"{source_page(there)}.md")
 
