@@ -12,7 +12,7 @@ Reading order, from one avatar to one LaTeX cell:
 4. ``renderers/blender/scene.py``: the scan becomes eight calibrated photos
 5. ``methods/hull.py``: photos become a mesh
 6. ``metrics/distance.py``: two meshes become millimetres
-7. ``harness/pipeline/run/evaluate.py``: the run that ties these together
+7. ``harness/run/evaluate.py``: the run that ties these together
 8. ``reports/formats/latex.py``: records become the paper's table
 """
 

@@ -14,24 +14,20 @@ from typing import Any
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.typed_json import to_json
-from harness.core.privileges import Privilege
 from harness.core.process.shared_work import Work
-from harness.core.protocols import Context, MethodInfo, Part
+from harness.core.protocols import Context, MethodInfo, Part, Privilege
 from harness.core.settings import configured
+from harness.core.typed_json import to_json
 from methods.body.fit.jmbo import NormalsOf
 from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
-from methods.body.models.parts import body_part
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.models.smplx_file import require_model
-from methods.body.models.smplx_part import model_path, named_model
+from methods.body.models.smplx_part import body_part, model_path, named_model
 from methods.body.photos import detection
 from methods.body.photos.views import Given, Views, load_views
-from methods.body.pixie.decode import PixieView
-from methods.body.pixie.start import held_values, pixie_each_view, pixie_part, pixie_sees
-from methods.body.result import BodyFitResult
-from methods.body.settings import FitSettings
+from methods.body.pixie.start import PixieView, held_values, pixie_each_view, pixie_part, pixie_sees
+from methods.body.settings import BodyFitResult, FitSettings
 from methods.body.smplx_offsets import offsets_part
 from methods.body.stored_fit import packed, unpacked
 from methods.estimated_normals import EstimatedNormals

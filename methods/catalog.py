@@ -7,7 +7,7 @@ from harness.core.process.registry import Registry
 METHODS = Registry(
     "method",
     {
-        "econ": "methods.econ:econ",
+        "econ": "methods.mexecon:econ",
         "mexecon2": "methods.mexecon:mexecon2",
         "mexecon8": "methods.mexecon:mexecon8",
         "mexecon+": "methods.nview.method:mexecon_plus",

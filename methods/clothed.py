@@ -15,30 +15,36 @@ import numpy as np
 
 from harness.core.arrays import Mask
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_path
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Part
 from harness.core.settings import check_choice, configured
+from harness.files.mesh_files import save_mesh
 from harness.geometry.images import save_png
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import concatenated
-from methods.body.result import BodyFitResult
+from methods.body.settings import BodyFitResult
 from methods.body_fit import BodyFit
-from methods.closed.envelope import cut_to_outlines
+from methods.closed.lattices import cut_to_outlines
 from methods.closed.outlines import signed_outline
 from methods.ifnet.completion import completed_by_network, ifnet_part
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
 from methods.publications.published import Published
 from methods.stages import Stages, contact_sheet
-from methods.surface.clothed_body import clothed_body
-from methods.surface.completion import BodyCompletion, CompletionParameters, without_vertices
-from methods.surface.device_solver import require_device
+from methods.surface.bilateral import require_device
+from methods.surface.completion import (
+    BodyCompletion,
+    CompletionParameters,
+    body_hands,
+    clothed_body,
+    without_hands,
+    without_vertices,
+)
 from methods.surface.front_back import (
     BodyDepth,
     FrontBackDepth,
@@ -46,7 +52,6 @@ from methods.surface.front_back import (
     integrate_front_back,
 )
 from methods.surface.fusion import FusionParameters, fused
-from methods.surface.hands import body_hands, without_hands
 
 #: Spacing of the lattice on which a surface is cut: an edge of 50 000 faces is longer.
 _ENVELOPE_M = 0.004

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Ints32
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import unit_normals
 from harness.geometry.raycast import Raycaster

@@ -6,8 +6,7 @@ Its P2S distances and normal error must be 0, and its Chamfer distance the sampl
 from __future__ import annotations
 
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, Privilege
 
 
 class GroundTruth:

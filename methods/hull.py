@@ -20,11 +20,9 @@ from harness.core.arrays import Floats, Singles
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.settings import check_range, configured
-from harness.geometry.hull import hull_distance
-from harness.geometry.isosurface import isosurface
+from harness.geometry.hull import hull_distance, isosurface
 from harness.geometry.outline import Outline
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of

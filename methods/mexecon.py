@@ -10,7 +10,7 @@ sheet to the world, which is the known rotation and, unlike there, the known tra
 
 ``mexecon+two-sheets`` is ours: ``mexecon+`` (``methods/nview``) without its fusion. Eight views
 also show how far the clothes stand off the body, all round: it holds its surface to the body moved
-out to the silhouettes (``methods/surface/clothed_body.py``), where the paper inflates the body by
+out to the silhouettes (``methods/surface/completion.py``), where the paper inflates the body by
 2 cm, and fits that body as ``jmbo8+``.
 
 Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
@@ -24,11 +24,11 @@ from dataclasses import replace
 from harness.core.mesh import Mesh
 from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod, ClothedSettings, SheetPlan
-from methods.fit_settings import JMBO, JMBO_PLUS
+from methods.fit_settings import ECON_FIT, JMBO, JMBO_PLUS
 from methods.normals import ViewMaps
-from methods.publications.completion import MEXECON, MEXECON_CEILING
-from methods.surface import FrontBackDepth, SheetParameters
-from methods.surface.sheets import depth_sheet
+from methods.publications.completion import ECON, MEXECON, MEXECON_CEILING
+from methods.surface import FrontBackDepth, SheetParameters, front_back_sheets
+from methods.surface.fusion import depth_sheet
 
 _FRONT, _BACK = 0, 4
 
@@ -77,4 +77,22 @@ mexecon_plus_two_sheets = ClothedMethod(
     settings=ClothedSettings(
         prior_weight=_PRIOR_WEIGHT, clothes="silhouettes", thickness_m=0.0, faces=0
     ),
+)
+
+
+_FRONT_ECON = 0
+
+
+def _two_sides(views: Sequence[tuple[ViewMaps, FrontBackDepth]]) -> list[Mesh]:
+    """The front and the back sheet on the front view's pixels."""
+    ((maps, depth),) = views
+    return list(front_back_sheets(depth.front, depth.back, maps.view.camera))
+
+
+econ = ClothedMethod(
+    names=("econ", "ECON"),
+    fit=BodyFit("econ-body", "Body, front view", (_FRONT_ECON,), ECON_FIT),
+    plan=SheetPlan((_FRONT_ECON,), _two_sides),
+    settings=ClothedSettings(hands="detected"),
+    published=ECON,
 )

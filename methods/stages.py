@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import normal_colours
 from harness.geometry.raycast import Raycaster

@@ -15,17 +15,16 @@ from dataclasses import asdict, dataclass, field
 
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import HarnessError
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import check_choice, configured, rooms_of
-from methods.body.result import BodyFitResult
+from harness.files.mesh_files import save_mesh
+from methods.body.settings import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.nview.start import clothed, start_surface
 from methods.nview.views import checked_views, outline_views
-from methods.photo_pull.pulled import pulled_to_photos
-from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
+from methods.photo_pull.pulled import StereoTask, hands_of, pulled_to_photos, stereo_parameters
 from methods.stereo.settings import KeepRules, MatchSettings, NarrowSettings, StereoSettings
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats, Mask
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.core.results import FoldErrors
+from harness.core.records import FoldErrors
 from harness.geometry.raycast import Raycaster
 from metrics.normals import angles_deg
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Mask
 from harness.core.mesh import Mesh
-from harness.core.results import RegionErrors
+from harness.core.records import RegionErrors
 from harness.core.truth import FaceRegions
 from metrics.score import PointErrors
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.images import load_mask

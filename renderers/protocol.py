@@ -8,7 +8,8 @@ from typing import Protocol
 
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.core.process.steps import StepReport
+from harness.core.process.registry import Registry
+from harness.core.process.threads import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import check_picture
 
@@ -32,7 +33,7 @@ class RenderOutcome:
 
 
 class Renderer(Protocol):
-    """Photographs a mesh. Found by name in ``renderers.catalog``; made without arguments."""
+    """Photographs a mesh. Found by name in ``renderers.protocol``; made without arguments."""
 
     def render(
         self, mesh: Mesh, recipe: RenderRecipe, directory: Path, progress: StepReport
@@ -71,3 +72,14 @@ def texture_of(mesh: Mesh) -> Path:
         raise DataError(f"the texture of {mesh.source} is missing", expected=str(mesh.texture))
     check_picture(mesh.texture)
     return mesh.texture
+
+
+RENDERERS = Registry(
+    "renderer",
+    {
+        # Path-traced photographs, in Blender's own process.
+        "blender": "renderers.blender.job:BlenderRenderer",
+        # First hits with plain shading: fast, needs no Blender.
+        "raycast": "renderers.raycast:RaycastRenderer",
+    },
+)

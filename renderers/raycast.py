@@ -1,6 +1,6 @@
 """A renderer without Blender: first hits, textured Lambert shading, no shadows.
 
-For tests, previews and machines without Blender; ``renderers/studio.py`` has the light.
+For tests, previews and machines without Blender; ``renderers/capture.py`` has the light.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgb, save_png, srgb_from_linear
+from harness.geometry.photo import linear_texture, texture_at
 from harness.geometry.raycast import Hits, Raycaster
-from harness.geometry.texture import linear_texture, texture_at
+from renderers.capture import key_light_position
 from renderers.protocol import RenderOutcome, texture_of
-from renderers.studio import key_light_position
 
 #: Rays along each side of a pixel. Odd, so that half-covered pixels do not tie.
 _SUPERSAMPLE = 3

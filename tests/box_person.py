@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.formats.coloured_mesh import ColouredMesh, save_coloured
-from harness.core.formats.obj import write_obj
+from harness.core.camera import Camera, look_at
 from harness.core.mesh import Mesh
+from harness.files.coloured_mesh import ColouredMesh, save_coloured
+from harness.files.obj import write_obj
 from harness.geometry.images import linear_from_srgb
+from harness.geometry.photo import linear_texture, texture_at
 from harness.geometry.raycast import Raycaster
-from harness.geometry.texture import linear_texture, texture_at
 
 #: Centre and half sides of head, trunk, arms and legs, as shares of the height.
 BOXES = (

@@ -39,16 +39,6 @@ VERBS = {
 }
 #: Modules of verbs that are not called like their verb.
 _MODULES = {"eval": "evaluate"}
-#: Verbs that make photos, meshes or numbers; the others show what there is.
-_RUNNING = (
-    "quickstart",
-    "render",
-    "capture",
-    "reconstruct",
-    "eval",
-    "conform",
-    "score",
-)
 #: Verbs of packages beside the bench, and the module that has them.
 _BESIDE = {"train": "normal_training"}
 _GROUP = "harness.verbs"
@@ -72,8 +62,7 @@ def verb_command(verb: str) -> Any:
     """
     if verb not in VERBS:
         return typer.main.get_command(_BROUGHT.resolve(verb))
-    folder = "running" if verb in _RUNNING else "showing"
-    module = f"harness.cli.verbs.{folder}.{_MODULES.get(verb, verb)}"
+    module = f"harness.cli.{_MODULES.get(verb, verb)}"
     return typer.main.get_command(importlib.import_module(module).app)
 
 

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Ints
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import views_from_front
+from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
 from harness.core.files.reach import inside
 from harness.core.mesh import Mesh
+from harness.core.rigs import views_from_front
 
 CAPTURE_SCHEMA = 1
 

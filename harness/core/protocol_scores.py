@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from harness.core.files.atomic import read_json, write_json
-from harness.core.formats.typed_json import from_json, to_json
 from harness.core.protocol_stages import UNALIGNED, Aligned
-from harness.core.records import ProtocolStamp
-from harness.core.results import MetricValue
+from harness.core.records import MetricValue, ProtocolStamp
+from harness.core.typed_json import from_json, to_json
 
 #: Beside ``record.json``.
 PROTOCOLS_FILE = "protocols.json"

@@ -10,9 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.photography import PhotoFaults
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.hashing import content_hash
 from harness.core.protocol_stages import (
@@ -24,6 +22,7 @@ from harness.core.protocol_stages import (
     Frame,
     Pictures,
 )
+from harness.core.rigs import PhotoFaults, RingRig
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

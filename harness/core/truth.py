@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.core.array_files.npz import read_array_npz
 from harness.core.arrays import Floats, Ints, Mask
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
+from harness.core.files.npz import read_array_npz
 from harness.core.mesh import Mesh
 from harness.core.units import MM_PER_METRE
 

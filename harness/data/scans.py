@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.array_files.pickles import read_array_pickle
 from harness.core.arrays import Floats
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.mesh_files import load_mesh
+from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
 from harness.core.units import UNITS_RULE
 from harness.data.stature import stature
 from harness.data.thuman import find_subject
+from harness.files.mesh_files import load_mesh
 
 if TYPE_CHECKING:
     # What a manifest says of a dataset is in a scan's rules; how it was read decides nothing.

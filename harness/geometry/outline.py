@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from harness.core.arrays import Floats, Mask, Singles
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.geometry.images import resampled, sampled
 from harness.geometry.window import Window
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.outline import Outline
 from harness.geometry.window import Window

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
+from harness.core.camera import Camera
+from harness.core.camera_frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
 from harness.geometry.surface import vertex_normals
 from harness.geometry.window import Window, is_cut

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.core.arrays import Mask
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 
 Number = TypeVar("Number", bound=np.generic)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Body, BodyLandmarks
+from harness.core.camera import Camera
 from harness.core.protocols import Context
-from methods.body.fit.fit_frame import fit_frame, in_frame, out_of_frame
 from methods.body.fit.jmbo import NormalsOf, optimise
 from methods.body.fit.landmark_fit import (
     average,
@@ -23,11 +23,54 @@ from methods.body.fit.landmark_fit import (
 )
 from methods.body.models.model import MAIN_JOINTS, Parameters, ParametricBody, Posed
 from methods.body.photos.views import Views
-from methods.body.result import BodyFitResult, FitCost
-from methods.body.settings import FitSettings
+from methods.body.settings import BodyFitResult, FitCost, FitSettings
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+
+def fit_frame(views: Views) -> Floats:
+    """(4, 4) from the world to the fit's frame: the subject's place at its origin, up as before.
+
+    The first camera stands towards +Z, wherever it is in the world.
+    """
+    first = views.views[0]
+    towards = first.camera.position - first.place.centre
+    yaw = np.arctan2(towards[0], towards[2])
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    frame = np.eye(4)
+    frame[:3, :3] = [[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]]
+    frame[:3, 3] = -frame[:3, :3] @ first.place.centre
+    return frame
+
+
+def in_frame(views: Views, world_to_fit: Floats) -> Views:
+    """The views with cameras and place described in another frame."""
+
+    def moved(camera: Camera) -> Camera:
+        return camera.in_frame(world_to_fit)
+
+    seen = []
+    for view in views.views:
+        centre = world_to_fit[:3, :3] @ view.place.centre + world_to_fit[:3, 3]
+        place = replace(view.place, centre=centre)
+        seen.append(replace(view, camera=moved(view.camera), place=place))
+    return replace(views, views=tuple(seen))
+
+
+def out_of_frame(parameters: Parameters, world_to_fit: Floats) -> dict[str, Any]:
+    """Bodies' parameters in the world's frame, of those in the fit's."""
+    import torch
+
+    turn = torch.from_numpy(world_to_fit[:3, :3].copy()).to(parameters["translation"])
+    shift = torch.from_numpy(world_to_fit[:3, 3].copy()).to(turn)
+    translation: Tensor = parameters["translation"] - shift
+    return {
+        **parameters,
+        "orientation": turn.T @ parameters["orientation"],
+        "translation": translation @ turn,
+    }
+
 
 #: Makes what estimates the clothed normals of some views: called with the views, and the (4, 4)
 #: from the world to the frame that their cameras are in.

@@ -16,9 +16,9 @@ from pathlib import Path
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.typed_json import from_json, to_json
 from harness.core.protocols import Part
-from methods.parts.folders import parts_folder
+from harness.core.typed_json import from_json, to_json
+from methods.parts.store import parts_folder
 
 _ROLE = "landmark offsets"
 _REMEDY = "Run: harness parts calibrate smplx --replace"

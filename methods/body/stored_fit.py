@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.artifacts import Body, BodyLandmarks
-from harness.core.formats.typed_json import from_json, to_json
-from methods.body.result import BodyFitResult, FitCost
+from harness.core.typed_json import from_json, to_json
+from methods.body.settings import BodyFitResult, FitCost
 
 _PARAMETER, _REGION, _FACTS = "parameter_", "region_", "facts"
 #: Arrays of ``Body.to_arrays`` that are named like parameters of the model and are none.

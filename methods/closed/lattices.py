@@ -7,7 +7,7 @@ overlap it is 2, which is inside as 1 is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.isosurface import isosurface
+from harness.geometry.hull import isosurface
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import largest_piece
+from methods.closed.outlines import SignedOutline, outlines_distance
 from methods.closed.surfaces import Surface, smoothed_along
 
 #: Lattice points beyond the box on each side.
@@ -204,3 +205,33 @@ def remeshed(mesh: Mesh, step_m: float, within: Callable[[Floats], Singles] | No
 def evened(mesh: Mesh) -> Mesh:
     """A contoured surface with its slivers spread out."""
     return smoothed_along(Surface(mesh), _ROUNDS, _SHARE).mesh
+
+
+#: Lattice points that are asked at once, which bounds the memory.
+_AT_ONCE = 500_000
+
+
+def cut_to_outlines(mesh: Mesh, outlines: Sequence[SignedOutline], step_m: float) -> Mesh:
+    """The part of what a closed mesh encloses that every outline shows: its largest piece, closed.
+
+    Unlike ``remeshed``, which looks near the surface only, this cuts bulges of any size.
+
+    Args:
+        mesh: World metres; it may run through itself.
+        outlines: The subject's, in as many photos as there are.
+        step_m: Spacing of the lattice on which the surface is made anew, metres.
+
+    Raises:
+        MethodError: no part of the mesh is inside all outlines.
+    """
+    lattice = lattice_around(mesh.bounds, step_m)
+    # Beyond the next lattice point a distance is never interpolated.
+    field = signed_distance(mesh, lattice, 1.8 * step_m)
+    inside = np.argwhere(field > -step_m)
+    for first in range(0, len(inside), _AT_ONCE):
+        indices = inside[first : first + _AT_ONCE]
+        place = tuple(indices.T)
+        field[place] = np.minimum(
+            field[place], outlines_distance(outlines, lattice.points(indices))
+        )
+    return evened(contoured(lattice, field, mesh.source))

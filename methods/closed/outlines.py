@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats, Singles
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.hull import hull_distance
 from harness.geometry.outline import Outline

@@ -16,12 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera, rigid_inverse
+from harness.core.camera import Camera, rigid_inverse
 from harness.core.errors import HarnessError, MethodError
-from methods.feedforward.memory import NetworkSize
-from methods.feedforward.source import NetworkSettings, Prepared, fitted_photos, required
-from methods.foreign.exchange import Answer
-from methods.points.frames import Frame, fitted_picture
+from methods.feedforward.source import (
+    NetworkSettings,
+    NetworkSize,
+    Prepared,
+    fitted_photos,
+    required,
+)
+from methods.foreign.running import Answer
+from methods.points.cloud import Frame, fitted_picture
 from methods.points.sources import SourceRequest, ViewDepth
 
 _PATCH = 14
@@ -186,3 +191,96 @@ def _require_given(found: Sequence[Camera], given: Sequence[Camera], intrinsics_
                 got=f"poses {apart:.3g} apart, intrinsics {pixels:.3g} px",
                 hint="Set align.mode=sim3_cameras to take its own cameras",
             )
+
+
+#: The network's unprojection counts pixels by whole numbers and has the principal point at half the
+#: picture; here the centre of the first pixel is at 0.5, so that the point moves by as much.
+_HALF_PIXEL = 0.5
+
+
+def decoded_cameras(encoded: Floats, size: tuple[int, int]) -> tuple[Camera, ...]:
+    """The cameras behind pose encodings (S, 9), in the network's own world and unit.
+
+    An encoding is the shift (3) and the quaternion x, y, z, w of world-to-camera in OpenCV's axes,
+    then the vertical and the horizontal field of view, radians.
+
+    Args:
+        encoded: (S, 9).
+        size: Width and height of the network's pictures.
+
+    Raises:
+        MethodError: encodings that are not finite, or without a rotation or a field of view.
+    """
+    width, height = size
+    encoded = np.asarray(encoded, dtype=np.float64)
+    length = np.linalg.norm(encoded[:, 3:7], axis=1)
+    fields = encoded[:, 7:9]
+    good = np.isfinite(encoded).all(axis=1) & (length > 0)
+    good &= ((fields > 0) & (fields < np.pi)).all(axis=1)
+    if not good.all():
+        view = int(np.argmin(good))
+        raise MethodError(
+            f"the network found no camera for photo {view + 1} of {len(encoded)}",
+            expected="a rotation, and fields of view between 0 and 180 degrees",
+            got=np.array2string(encoded[view], precision=3),
+        )
+    cameras: list[Camera] = []
+    for row, norm in zip(encoded, length, strict=True):
+        move = np.eye(4)
+        move[:3, :3] = _rotation(row[3:7] / norm)
+        move[:3, 3] = row[:3]
+        fy, fx = height / 2.0 / np.tan(row[7] / 2.0), width / 2.0 / np.tan(row[8] / 2.0)
+        cx, cy = width / 2.0 + _HALF_PIXEL, height / 2.0 + _HALF_PIXEL
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        cameras.append(Camera(K, move, width, height))
+    return tuple(cameras)
+
+
+def _rotation(quaternion: Floats) -> Floats:
+    """(3, 3) of a unit quaternion x, y, z, w."""
+    x, y, z, w = quaternion
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
+
+
+_PATCH_VGGT = 14
+
+
+@dataclass(frozen=True, slots=True)
+class Vggt:
+    """How VGGT is asked; see ``Dialect``."""
+
+    name: str = "vggt"
+    title: str = "VGGT"
+    alignments: tuple[str, ...] = ("sim3_cameras", "known_cameras", "oracle_icp")
+    worker_module: ClassVar[str] = "methods.feedforward.workers.vggt.worker"
+
+    def check(self, settings: NetworkSettings) -> None:
+        """It takes notice of all."""
+
+    def size(self, weights_bytes: int) -> NetworkSize:
+        """As published: 24 blocks that hand on 2048 numbers for each patch."""
+        return NetworkSize(weights_bytes, width=2048, blocks=24, patch=_PATCH_VGGT)
+
+    def prepared(self, request: SourceRequest, settings: NetworkSettings) -> Prepared:
+        """The photos, fitted."""
+        return fitted_photos(request, settings, _PATCH_VGGT)
+
+    def arrays(self, prepared: Prepared) -> Mapping[str, NDArray[Any]]:  # noqa: ARG002
+        """Only pictures."""
+        return {}
+
+    def views(self, answer: Answer, prepared: Prepared) -> tuple[ViewDepth, ...]:
+        """Depth with the decoded cameras."""
+        arrays = required(answer, "pose_enc", "depth", "confidence")
+        cameras = decoded_cameras(arrays["pose_enc"], prepared.frames[0].size)
+        return tuple(
+            ViewDepth(frame, camera, depth, confidence)
+            for frame, camera, depth, confidence in zip(
+                prepared.frames,
+                cameras,
+                arrays["depth"].astype(np.float64),
+                arrays["confidence"].astype(np.float64),
+                strict=True,
+            )
+        )

@@ -14,7 +14,7 @@ from typing import Any
 
 from harness.core.errors import HarnessError, MissingPart
 from harness.core.files.hashing import content_hash, file_sha256
-from methods.foreign.launch import Launch
+from methods.foreign.interpreter import Launch
 from methods.foreign.method_file import MethodFile
 
 _LIMIT_S = 120

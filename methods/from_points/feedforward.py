@@ -8,13 +8,11 @@ Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 
 from __future__ import annotations
 
-from methods.feedforward.installed import Find
-from methods.feedforward.kin import DepthAnything3, MapAnything
-from methods.feedforward.parts import find_da3, find_mapanything, find_vggt
+from methods.feedforward.kin import DepthAnything3, MapAnything, Vggt
+from methods.feedforward.parts import Find, find_da3, find_mapanything, find_vggt
 from methods.feedforward.source import Dialect, NetworkSettings, NetworkSource
-from methods.feedforward.vggt import Vggt
 from methods.points.method import PointsMethod
-from methods.publications.points import VGGT_ROW
+from methods.publications.deviations import VGGT_ROW
 from methods.publications.published import Published
 
 _RING = tuple(range(8))

@@ -9,9 +9,9 @@ Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 
 from __future__ import annotations
 
+from methods.points.filtering import MeshSettings
 from methods.points.method import PointsMethod, PointsRooms
-from methods.points.rendered import RenderedDepth
-from methods.points.settings import MeshSettings
+from methods.points.sources import RenderedDepth
 
 oracle8_points = PointsMethod(
     "oracle8-points",

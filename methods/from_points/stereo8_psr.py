@@ -14,15 +14,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import by_room, overridden
+from harness.files.mesh_files import save_mesh
 from harness.geometry.photo import open_photo
-from methods.photo_pull.pulled import agreed_points
-from methods.photo_pull.task import StereoTask, hands_of
+from methods.photo_pull.pulled import StereoTask, agreed_points, hands_of
 from methods.points.cloud import OrientedPoints
+from methods.points.filtering import MeshSettings
 from methods.points.meshing import meshed
-from methods.points.settings import MeshSettings
 from methods.stereo8 import Stereo8, stereo8
 
 _ROOM = "mesh"

@@ -18,6 +18,6 @@ IFNET = ConvertedKind(
         "ckpt/",
         files=("ifnet.ckpt",),
     ),
-    "methods.ifnet.convert:examine",
+    "methods.ifnet.network:examine",
     "harness eval --method mexecon8 --set surface.completion=ifnet",
 )

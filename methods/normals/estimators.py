@@ -6,20 +6,23 @@ front and back normals on the same pixels, x right, y up, z towards the viewer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import HarnessError, MethodError
-from harness.core.privileges import Privilege
-from harness.core.protocols import EstimatedNormals, NormalEstimator, Part
+from harness.core.protocols import EstimatedNormals, NormalEstimator, Part, Privilege
 from harness.core.settings import check_choice
 from methods.normals import installed
 from methods.normals.econ.estimator import econ_normals, econ_part
 from methods.normals.onnx_estimator import OnnxNormals
+from methods.normals.recipes import RECIPES, prepared
+from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck
+from methods.parts.store import require_file
 
 #: ``oracle(camera, side="near" | "far")``: the scan's normals (H, W, 3), map frame.
 Oracle = Callable[..., Floats]
@@ -187,3 +190,70 @@ class NormalChoice:
         if self.kind == "onnx" and not (self.model.endswith(".onnx") or "/" in self.model):
             return installed.named(self.model)
         return None
+
+
+class _Networks:
+    """Networks in the form of ``methods/normals/onnx_estimator.py``; see ``PartKind``."""
+
+    about = About(
+        name="normals-onnx",
+        role="normal estimator",
+        purpose="a network that turns a photo into normals of clothes",
+        licence="as the file says",
+        source="the package open-normals has one; 'harness train normals' trains another one; for "
+        "photos of real people take DAViD's surface normal model (MIT, https://aka.ms/DAViD), with "
+        f"--recipe {next(iter(RECIPES))}",
+        files=("FILE.onnx",),
+        takes=("name", "recipe"),
+    )
+
+    def installed(self) -> Sequence[InstalledPart]:
+        """Shipped ones first; see ``PartKind``."""
+        places = (*installed.shipped_places(), installed.imported_place())
+        return [_described(network) for place in places for network in installed.listed(place)]
+
+    def add(self, file: Path, options: ImportOptions) -> InstalledPart:
+        """Check a network and copy it; see ``PartKind``."""
+        options.require_taken_by(self.about)
+        place = installed.imported_place()
+        name = options.name or options.recipe or file.stem
+        if not options.recipe:
+            return _described(installed.import_file(file, name, place, replace=options.replace))
+        require_file(file)
+        with tempfile.TemporaryDirectory(prefix="network-") as folder:
+            made = Path(folder) / f"{options.recipe}.onnx"
+            prepared(file, options.recipe, made)
+            return _described(installed.import_file(made, name, place, replace=options.replace))
+
+    def check(self, part: InstalledPart) -> PartCheck:
+        """A network against its sum; see ``PartKind``."""
+        found = next(
+            check
+            for check in installed.check([part.name])
+            if check.network.place.title == part.place
+        )
+        return PartCheck(part, found.state, found.note)
+
+    def usage(self, part: InstalledPart) -> str:
+        """The command that uses a network; see ``PartKind``."""
+        shipped = part.place == "shipped" and part.name == installed.OPEN_NETWORK
+        chosen = "open" if shipped else f"onnx --set surface.normals_model={part.name}"
+        return f"harness eval --method econ --set surface.normals={chosen}"
+
+
+def _described(network: installed.Network) -> InstalledPart:
+    return InstalledPart(
+        kind=_Networks.about.name,
+        name=network.name,
+        title=network.name,
+        licence=network.licence,
+        path=network.path,
+        bytes=network.bytes,
+        sha256=network.sha256,
+        source_sha256=network.sha256,
+        place=network.place.title,
+        note=f"trained on {network.training_set}" if network.training_set else "",
+    )
+
+
+NETWORKS = _Networks()

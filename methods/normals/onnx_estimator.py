@@ -11,8 +11,8 @@ metadata says:
 * optionally ``training_set``: what it was trained on, with its version;
 * optionally ``body_background``: the value that body maps have where there is no body, 0 unless
   given (ECON's networks were trained with 0.00392);
-* optionally ``window``: ``mask`` if the network was trained on windows around the subject
-  (``methods/normals/window.py``) and has to run on such; without it, it gets the whole picture;
+* optionally ``window``: ``mask`` if the network was trained on windows around the
+  subject and has to run on such; without it, it gets the whole picture;
 * optionally ``side_px``: the side of the square around the subject that it was trained on, where it
   has to have that; without it, it gets the method's own.
 """
@@ -25,14 +25,35 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats
+from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError, MethodError
 from harness.core.protocols import EstimatedNormals, Part
 from harness.geometry.images import unit_normals
-from harness.geometry.window import Window
-from methods.normals.window import mask_window, whole_window
+from harness.geometry.window import Window, rounded_up
 from methods.parts.onnx_files import network_sha256
 from methods.parts.onnx_session import open_session
+
+#: Least number of pixels between the subject and the window's border.
+MARGIN_PX = 16
+#: Sides of what a network works on are multiples of this.
+MULTIPLE = 32
+
+
+def mask_window(mask: Mask) -> Window:
+    """The window around a mask (H, W) that is true somewhere, ``MARGIN_PX`` free on every side.
+
+    What rounding adds is shared between both sides; the right and lower get an odd pixel more.
+    """
+    box = Window.around(mask).grown(MARGIN_PX)
+    sides = (rounded_up(side, MULTIPLE) for side in box.size)
+    return box.about_its_middle(*sides, odd_pixel="last")
+
+
+def whole_window(size: tuple[int, int]) -> Window:
+    """The window of a whole picture (width, height), enlarged to the right and below."""
+    width, height = (rounded_up(side, MULTIPLE) for side in size)
+    return Window(0, 0, width, height)
+
 
 _INPUTS = ("image", "body_front", "body_back")
 _OPTIONAL_INPUTS = ("mask",)

@@ -13,30 +13,29 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Body, Capture, NormalMaps, Reconstruction
-from harness.core.cameras.frames import OPENCV_TO_BLENDER_CAMERA
-from harness.core.formats.mesh_files import save_mesh
+from harness.core.camera_frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.process.freed_memory import give_freed_memory_back
-from harness.core.protocols import Context, MethodInfo, even_places
+from harness.core.process.threads import give_freed_memory_back
+from harness.core.protocols import Context, MethodInfo, Privilege, even_places
 from harness.core.settings import configured, rooms_of
+from harness.files.mesh_files import save_mesh
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.body.models.choice import forget_body_models
 from methods.body_fit import BodyFit
+from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
 from methods.nview.fusion import Fused, finished_surface, fused_surface, settled
-from methods.nview.rooms import FusedRooms
-from methods.nview.silhouettes import silhouette_fit
-from methods.nview.start import clothed, start_surface
-from methods.nview.targets import trust
+from methods.nview.settings import FusionSettings
+from methods.nview.start import clothed, silhouette_fit, start_surface
+from methods.nview.system import trust
 from methods.nview.views import (
     MOST_VIEWS,
     FusionView,
@@ -45,9 +44,60 @@ from methods.nview.views import (
     even_choice,
     outline_views,
 )
-from methods.photo_pull.pulled import PulledSurface, pulled_to_photos
-from methods.photo_pull.task import StereoTask, hands_of, stereo_parameters
+from methods.photo_pull.pulled import (
+    PulledSurface,
+    StereoTask,
+    hands_of,
+    pulled_to_photos,
+    stereo_parameters,
+)
 from methods.stages import Stages, contact_sheet
+from methods.stereo.settings import (
+    CameraSettings,
+    DentSettings,
+    KeepRules,
+    MatchSettings,
+    NarrowSettings,
+    StereoSettings,
+    near_settings,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FusedRooms:
+    """All settings of the method, by room.
+
+    Attributes:
+        body: How the body is fitted.
+        nview: How normals are estimated and the surface is made of them.
+        match: How photos are matched around that surface, which is as often inside as outside.
+        keep: Which points of it are kept.
+        narrow: The search that finishes.
+        dents: Which hollows of that surface photos are asked about.
+        cameras: How cameras that contradict each other are corrected.
+    """
+
+    body: FitSettings = JMBO_PLUS
+    nview: FusionSettings = field(default_factory=FusionSettings)
+    match: MatchSettings = field(default_factory=lambda: near_settings().match)
+    keep: KeepRules = field(default_factory=KeepRules)
+    narrow: NarrowSettings = field(default_factory=NarrowSettings)
+    dents: DentSettings = field(default_factory=DentSettings)
+    cameras: CameraSettings = field(default_factory=CameraSettings)
+
+    @property
+    def stereo(self) -> StereoSettings:
+        """Those of photo-consistency."""
+        near = near_settings()
+        return replace(
+            near,
+            match=self.match,
+            keep=self.keep,
+            narrow=self.narrow,
+            dents=self.dents,
+            cameras=self.cameras,
+        )
+
 
 #: Where a silhouette loses more than this share between start and end, a limb came off: a forearm
 #: is 2 to 4 % of a view. Fused surfaces of training subjects lose 0.3 to 0.8 %.

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Singles
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.protocols import even_places
 from harness.geometry.photo import open_photo

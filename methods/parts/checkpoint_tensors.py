@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.array_files.npz import shown_text
 from harness.core.errors import DataError
 from harness.core.files.names import is_name
+from harness.core.files.npz import shown_text
 from harness.core.missing import not_installed
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from harness.core.errors import HarnessError, MissingPart
+from harness.core.process.registry import Registry
 from harness.core.protocols import Part
 
 
@@ -155,7 +156,7 @@ class PartCheck:
 
 
 class PartKind(Protocol):
-    """A kind of part; ``methods/parts/catalog.py`` lists them.
+    """A kind of part; ``methods/parts/kind.py`` lists them.
 
     Its module is imported to list the parts, so it imports nothing heavy at its top. Most kinds are
     a ``methods.parts.store.ConvertedKind``.
@@ -191,3 +192,34 @@ class PartKind(Protocol):
     def usage(self, part: InstalledPart) -> str:
         """The command that uses a part."""
         ...
+
+
+KINDS = Registry(
+    "kind of part",
+    {
+        "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
+        "ifnet": "methods.ifnet.part:IFNET",
+        "pixie": "methods.body.pixie.part:PIXIE",
+        "smplx": "methods.body.models.smplx_part:SMPLX",
+        "normals-onnx": "methods.normals.estimators:NETWORKS",
+        "masks-onnx": "methods.masks:MASK_NETWORKS",
+        "vggt": "methods.feedforward.parts:VGGT_KIND",
+        "da3": "methods.feedforward.parts:DA3_KIND",
+        "mapanything": "methods.feedforward.parts:MAPANYTHING_KIND",
+    },
+)
+
+
+def part_kind(name: str) -> PartKind:
+    """The kind of a name.
+
+    Raises:
+        HarnessError: there is none, with the nearest one as a hint.
+    """
+    kind: PartKind = KINDS.resolve(name)
+    return kind
+
+
+def all_kinds() -> list[PartKind]:
+    """Every kind, in the order in which a person would import them."""
+    return [part_kind(name) for name in KINDS]

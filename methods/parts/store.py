@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
@@ -24,9 +25,28 @@ from harness.core.files.atomic import (
 )
 from harness.core.files.hashing import file_sha256
 from harness.core.files.names import NAME_RULE, is_name
-from harness.core.formats.typed_json import from_json, to_json
-from methods.parts.folders import parts_folder
+from harness.core.typed_json import from_json, to_json
 from methods.parts.kind import About, ImportOptions, InstalledPart, PartCheck, State
+
+
+def user_folder(variable: str, name: str) -> Path:
+    """The folder that an environment variable names, or one of that name below the data folder.
+
+    The data folder is ``mexecon-harness`` below ``XDG_DATA_HOME``, or below ``~/.local/share``.
+    """
+    named = os.environ.get(variable)
+    if named:
+        return Path(named).expanduser().resolve()
+    data = Path(os.environ.get("XDG_DATA_HOME", ""))
+    # Its specification says that a relative path there counts as none.
+    base = data if data.is_absolute() else Path.home() / ".local" / "share"
+    return base / "mexecon-harness" / name
+
+
+def parts_folder() -> Path:
+    """The folder of converted parts: ``HARNESS_PARTS``, or ``parts`` below the data folder."""
+    return user_folder("HARNESS_PARTS", "parts")
+
 
 _NOTE = "part.json"
 

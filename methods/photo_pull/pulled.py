@@ -10,23 +10,64 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
-from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.process.shared_work import Sharing, Work, alone
+from harness.core.process.threads import give_freed_memory_back
 from harness.core.protocols import Context
 from harness.geometry.photo import open_photo
+from methods.body.settings import BodyFitResult
 from methods.closed.lattices import remeshed
-from methods.photo_pull.task import StereoTask
+from methods.stereo.settings import StereoSettings
 
 if TYPE_CHECKING:
     from methods.photo_pull.camera_shifts import CameraShifts
     from methods.photo_pull.dents import Undented
-    from methods.stereo.consistency import StereoPoints
-    from methods.stereo.pull import RoundReport
+    from methods.stereo.pull import RoundReport, StereoPoints
     from methods.stereo.views import StereoView
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoTask:
+    """What is asked of the photos.
+
+    Attributes:
+        views: Indices of the photos that are used.
+        hands: (N, 3) places, world metres, near which points do not count: fingers are thinner than
+            a window.
+        settings: How points are found, kept and followed.
+        narrow: Whether a short search in full resolution finishes the surface.
+        is_shared: Whether other methods ask for the points around the same start.
+    """
+
+    views: Sequence[int]
+    hands: Floats
+    settings: StereoSettings
+    narrow: bool = True
+    is_shared: bool = False
+
+
+def hands_of(fitted: BodyFitResult) -> Floats:
+    """(N, 3) vertices of the fitted body's hands, world metres."""
+    return fitted.body.vertices[fitted.regions["left_hand"] | fitted.regions["right_hand"]]
+
+
+def stereo_parameters(settings: StereoSettings) -> dict[str, dict[str, object]]:
+    """The settings by room, as methods state them.
+
+    ``match``, ``keep``, ``narrow`` and ``pulls``, and ``dents`` and ``cameras`` where these are
+    filled and corrected.
+    """
+    more = [name for name in ("dents", "cameras") if getattr(settings, name)]
+    names = ("match", "keep", "narrow", *more)
+    rooms: dict[str, dict[str, object]] = {name: asdict(getattr(settings, name)) for name in names}
+    rounds: dict[str, object] = {
+        f"round_{number}": asdict(each) for number, each in enumerate(settings.pulls, start=1)
+    }
+    return {**rooms, "pulls": rounds}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,8 +125,7 @@ def pulled_to_photos(
     # Not at the top: Warp takes a second to start, and methods are listed without it.
     from methods.photo_pull.camera_shifts import camera_shifts
     from methods.photo_pull.dents import without_dents
-    from methods.stereo.consistency import joined
-    from methods.stereo.pull import pull
+    from methods.stereo.pull import joined, pull
     from methods.stereo.surface import finished
 
     settings = task.settings
@@ -133,7 +173,7 @@ def agreed_points(
         MethodError: a photo that does not fit its camera or shows nothing of the subject.
     """
     # Not at the top, as above.
-    from methods.stereo.consistency import StereoPoints
+    from methods.stereo.pull import StereoPoints
     from methods.stereo.surface import stereo_points
 
     def found() -> StereoPoints:

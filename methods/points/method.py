@@ -8,21 +8,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.core.array_files.npz import write_npz
 from harness.core.artifacts import Capture, Reconstruction
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import HarnessError, MethodError
-from harness.core.formats.mesh_files import save_mesh
+from harness.core.files.npz import write_npz
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.settings import configured, rooms_of
+from harness.files.mesh_files import save_mesh
 from harness.geometry.photo import Photo, open_photo
-from methods.points.alignment import camera_similarity
-from methods.points.filtering import Kept, WorldDepth, kept_points
+from methods.points.alignment import camera_similarity, moved_onto
+from methods.points.filtering import (
+    AlignSettings,
+    KeepSettings,
+    Kept,
+    MeshSettings,
+    WorldDepth,
+    kept_points,
+)
 from methods.points.meshing import meshed
-from methods.points.onto_scan import moved_onto
-from methods.points.settings import AlignSettings, KeepSettings, MeshSettings
 from methods.points.sources import Estimate, PointSource, SourceRequest
 from methods.publications.published import Published
 

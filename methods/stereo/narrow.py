@@ -9,14 +9,12 @@ import numpy as np
 import warp as wp
 
 from harness.core.arrays import Floats, Ints, Mask, Singles
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.core.process.threads import on_all_cores
 from harness.geometry.raycast import Raycaster
-from methods.stereo.evidence import agreement
-from methods.stereo.kernels import device_array, launch
-from methods.stereo.kernels.band import Pair, Patches, band_search
-from methods.stereo.membrane import Neighbourhood
+from methods.stereo.kernels import Pair, Patches, band_search, device_array, launch
+from methods.stereo.membrane import Neighbourhood, agreement
 from methods.stereo.patchmatch import window_weights
 from methods.stereo.pull import RoundReport, round_report
 from methods.stereo.settings import NarrowSettings

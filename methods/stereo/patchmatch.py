@@ -16,15 +16,16 @@ import numpy as np
 import warp as wp
 
 from harness.core.arrays import Floats, Ints, Ints32, Mask, Singles
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.raycast import Raycaster
-from methods.stereo.kernels import device_array, launch
-from methods.stereo.kernels.matching import (
+from methods.stereo.kernels import (
     Planes,
     Reference,
     Sources,
     Turn,
+    device_array,
+    launch,
     match_first,
     match_round,
     match_sharpness,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import convolve, gaussian_filter
 
 from harness.core.arrays import Bytes, Floats, Mask, Singles
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.geometry.images import resampled
 

@@ -6,5 +6,5 @@ from methods.surface.front_back import (
     FrontBackParameters,
     integrate_front_back,
 )
+from methods.surface.fusion import SheetParameters, front_back_sheets
 from methods.surface.integration import integrate_normals
-from methods.surface.sheets import SheetParameters, front_back_sheets

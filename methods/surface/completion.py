@@ -9,6 +9,7 @@ sheet, where nothing is seen, the body stands off by as much as the clothes do o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +18,8 @@ import numpy as np
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.outline import Outline
+from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex, vertex_normals
 from harness.geometry.topology import edges_of
 
@@ -153,3 +156,106 @@ def _subdivided(mesh: Mesh) -> Mesh:
     triangles = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     faces = np.concatenate([np.stack(corners, axis=1) for corners in triangles])
     return Mesh(np.concatenate([mesh.vertices, middles]), faces, source=mesh.source)
+
+
+#: Steps along the normal, how far out, and how far in where the body stands out of a silhouette.
+_STEP_M, _OUT_M, _IN_M = 0.004, 0.15, 0.04
+#: Share of the way to the silhouettes. Twelve training subjects score 11.8 mm in Chamfer distance
+#: and 22.4 degrees in normals with it; 13.5 and 21.2 with the whole way, 13.9 and 26.1 with 2 cm.
+_SHARE = 0.8
+#: Weight of neighbours' equality against 1 for an offset that was found.
+_SMOOTHNESS = 5.0
+#: An offset counts if the body itself is not met within twice the way and this much more: between
+#: arm and trunk the outlines are the other's.
+_CLEAR_M = 0.02
+
+
+def clothed_body(body: Mesh, outlines: Sequence[Outline]) -> Mesh:
+    """The body (world metres) with its surface moved to the clothes that the outlines show.
+
+    Args:
+        body: The fitted body, facing outwards.
+        outlines: Silhouettes in views all round; what none sees from the side follows its
+            neighbours.
+    """
+    normals = vertex_normals(body)
+    found = ways_out_m(body.vertices, normals, outlines)
+    trust = is_unobstructed(body, normals, found).astype(np.float64)
+    offsets = smooth_offsets(stiffness(body, _SMOOTHNESS), np.nan_to_num(found), trust)
+    moved = body.vertices + _SHARE * offsets[:, None] * normals
+    return Mesh(moved, body.faces, source=body.source)
+
+
+def ways_out_m(points_world: Floats, directions: Floats, outlines: Sequence[Outline]) -> Floats:
+    """(V,) metres from points (V, 3) along unit directions to the end of their silhouettes' hull.
+
+    Negative for points outside, back along the direction; NaN where it is too far. To half a step
+    of 4 mm.
+    """
+    ways = np.full(len(points_world), np.nan)
+    outside = np.logical_not(_held(points_world, outlines))
+    for start, sign, reach_m in ((outside, -1.0, _IN_M), (~outside, 1.0, _OUT_M)):
+        walking = np.flatnonzero(start)
+        for way in np.arange(_STEP_M, reach_m, _STEP_M):
+            there = points_world[walking] + sign * way * directions[walking]
+            crossed = _held(there, outlines) == (sign < 0)
+            ways[walking[crossed]] = sign * (way - _STEP_M / 2)
+            walking = walking[~crossed]
+    return ways
+
+
+def is_unobstructed(body: Mesh, normals: Floats, ways_m: Floats) -> Mask:
+    """(V,) whether moving a vertex out along its normal stays clear of other parts of the body.
+
+    Args:
+        body: The surface, world metres.
+        normals: (V, 3) unit, out of it.
+        ways_m: (V,) how far the vertex would move; NaN, for no way at all, is not clear.
+    """
+    # From just outside, or each vertex would meet its own faces.
+    met = Raycaster(body).answer(body.vertices + 2e-3 * normals, normals)["t_hit"].numpy()
+    return np.isfinite(ways_m) & (met > 2 * np.nan_to_num(ways_m) + _CLEAR_M)
+
+
+def _held(points_world: Floats, outlines: Sequence[Outline]) -> Mask:
+    """(N,) whether every view sees a point within the subject."""
+    held = np.arange(len(points_world))
+    for outline in outlines:
+        held = held[outline.holds(points_world[held])]
+    inside = np.zeros(len(points_world), dtype=bool)
+    inside[held] = True
+    return inside
+
+
+#: The published distance (0.08 in ECON's cube, in which a person is about 1.8 high).
+REACH_M = 0.08
+
+
+def body_hands(body: Mesh, hands: Mask) -> Mesh:
+    """The body's hands, open at the wrists.
+
+    Raises:
+        MethodError: the body has no hands.
+    """
+    mesh = without_vertices(body, ~hands)
+    if mesh is None:
+        raise MethodError("the fitted body has no hands to stand in for those of the sheets")
+    return replace(mesh, source="hands")
+
+
+def without_hands(
+    sheets: Sequence[Mesh], body: Mesh, hands: Mask, reach_m: float = REACH_M
+) -> list[Mesh]:
+    """The sheets without what lies near the body's hands (V,) and is nearest to them.
+
+    A sheet that holds nothing else is left out.
+    """
+    index = SurfaceIndex(body)
+    hand_faces = np.asarray(np.all(hands[body.faces], axis=1))
+    kept = []
+    for sheet in sheets:
+        found, distance = index.closest(sheet.vertices)
+        rest = without_vertices(sheet, hand_faces[found.faces] & (distance < reach_m))
+        if rest is not None:
+            kept.append(rest)
+    return kept

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.core.mesh import Mesh
 from harness.core.process.blender import find_blender
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import load_rgba, save_png

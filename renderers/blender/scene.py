@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import image_name
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.cameras.frames import BLENDER_TO_WORLD, camera_to_blender
+from harness.core.camera import Camera, look_at
+from harness.core.camera_frames import BLENDER_TO_WORLD, camera_to_blender
 from harness.core.errors import DataError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.settings import RenderRecipe
 from harness.geometry.window import Window
-from renderers.studio import KEY_SIDE_M, key_light_position, square_light_radiance
+from renderers.capture import KEY_SIDE_M, key_light_position, square_light_radiance
 
 Matrix = tuple[tuple[float, ...], ...]
 

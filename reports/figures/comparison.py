@@ -12,24 +12,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from harness.core.artifacts import Capture
-from harness.core.cameras.rigs import camera_yaw_deg
+from harness.core.artifacts import Capture, NormalMaps
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
-from harness.geometry.raycast import Raycaster
+from harness.core.rigs import camera_yaw_deg
+from harness.geometry.images import normal_colours
+from harness.geometry.raycast import Raycaster, Side
+from harness.geometry.window import Window
 from reports.figures.panels import (
+    ErrorScale,
     PanelWindow,
     blended,
     canvas,
+    heat,
     on_white,
     panel_windows,
     photo,
     save,
+    shaded,
     show,
 )
-from reports.figures.shading import ErrorScale, heat, shaded
 
 _PANEL_INCH = 2.8
 _OVERLAY_INCH = 4.0
@@ -177,4 +182,164 @@ def overlay_figure(mesh: Mesh, capture: Capture, path: Path, columns: int = 4) -
         if clay[..., 3].min() < 0.5 < clay[..., 3].max():
             axis.contour(clay[..., 3], levels=[0.5], colors=_OUTLINE, linewidths=0.7)
         axis.set_title(f"{capture.subject}, view {view}", fontsize=9)
+    save(figure, path)
+
+
+_PANEL_INCH_NORMAL_GRID = 2.4
+_MARGIN = 0.02
+#: A panel is so much higher than its picture, so that titles and numbers have their place.
+_ROOM = 1.12
+_SCALE = ErrorScale(60.0, "angle to the true normal (°)")
+_TITLES = ("Body", "Estimate", "Truth", "Error")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalPanels:
+    """One side of the subject in one photo.
+
+    Attributes:
+        title: Above the photo; empty for a side that the photo before it hides, which then is not
+            shown again.
+        maps: The estimate, and the body's normals.
+        side: Which of them are shown.
+        true: (H, W, 3) normals of the scan on the same pixels, 0 beside it.
+        errors_deg: (H, W) of the estimate; NaN where it is not compared.
+        body_text: Shown below the body's normals.
+        estimate_text: Shown below the errors of the estimate.
+    """
+
+    title: str
+    maps: NormalMaps
+    side: Side
+    true: Floats
+    errors_deg: Floats
+    body_text: str
+    estimate_text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalRow:
+    """One subject: its photos, and the sides that are shown."""
+
+    capture: Capture
+    sides: tuple[NormalPanels, ...]
+
+
+def normal_grid(rows: Sequence[NormalRow], path: Path) -> None:
+    """Write the figure: one row per subject; errors from 60 degrees on have the last colour.
+
+    Args:
+        rows: All with the same sides in the same order.
+        path: PNG, PDF or SVG, by its extension.
+
+    Raises:
+        HarnessError: no rows, or not the same sides for all.
+        DataError: a photo that is not usable.
+    """
+    sides = [[(panels.title, panels.side) for panels in row.sides] for row in rows]
+    if not sides or any(each != sides[0] for each in sides):
+        raise HarnessError("a grid needs subjects with the same photos and sides", got=str(sides))
+    titles = [title for panels in rows[0].sides for title in _titles(panels)]
+    share = _shown_share([panels.maps.mask for row in rows for panels in row.sides])
+    window = Window(0, 0, round(1000 * share[0]), round(_ROOM * 1000 * share[1]))
+    figure, axes = canvas((len(rows), len(titles)), window, _PANEL_INCH_NORMAL_GRID)
+    for axis, title in zip(axes[0], titles, strict=True):
+        axis.set_title(title, fontsize=9)
+    for row, line in zip(rows, axes, strict=True):
+        line[0].set_ylabel(row.capture.subject, fontsize=10)
+        remaining = iter(line)
+        for panels in row.sides:
+            _draw(row.capture, panels, share, remaining)
+    colour_bar(figure, axes, _SCALE)
+    save(figure, path)
+
+
+def _titles(panels: NormalPanels) -> list[str]:
+    first, *others = _TITLES
+    if panels.title:
+        return [panels.title, first, *others]
+    return [f"{first}, far side", *others]
+
+
+def _draw(capture: Capture, panels: NormalPanels, share: tuple[float, float], axes: Any) -> None:
+    maps, near = panels.maps, panels.side == "near"
+    pictures = [
+        normal_colours(maps.body_front if near else maps.body_back),
+        normal_colours(maps.front if near else maps.back),
+        normal_colours(panels.true),
+        _errors(panels.errors_deg),
+    ]
+    if panels.title:
+        window = Window.of_crop(capture.cameras[maps.view], maps.camera)
+        pictures.insert(0, window.cut(photo(capture, maps.view), 1.0))
+    used = [next(axes) for _ in pictures]
+    for axis, picture in zip(used, pictures, strict=True):
+        show(axis, _centre(picture, share))
+    texts = (panels.body_text, panels.estimate_text)
+    for axis, text in zip((used[-4], used[-1]), texts, strict=True):
+        axis.set_xlabel(text, fontsize=8)
+
+
+def _errors(errors_deg: Floats) -> Floats:
+    """(H, W, 3) colours of the errors, white where there are none."""
+    known = np.isfinite(errors_deg)
+    return np.where(known[..., None], _SCALE.rgb(np.where(known, errors_deg, 0.0)), 1.0)
+
+
+def _shown_share(masks: Sequence[NDArray[np.bool_]]) -> tuple[float, float]:
+    """Share of a square's width and height, round its centre, that shows every subject."""
+    shares = []
+    for axis in (0, 1):
+        reach = []
+        for mask in masks:
+            places = np.flatnonzero(mask.any(axis=axis))
+            half = mask.shape[1 - axis] / 2
+            reach.append(max(half - places[0], places[-1] + 1 - half) / half)
+        shares.append(min(1.0, max(reach) + _MARGIN))
+    return shares[0], shares[1]
+
+
+def _centre(picture: Floats, share: tuple[float, float]) -> Floats:
+    """The middle of a picture (H, W, 3)."""
+    height, width = picture.shape[:2]
+    column, row = (
+        round((1 - part) / 2 * side) for part, side in zip(share, (width, height), strict=True)
+    )
+    return picture[row : height - row, column : width - column]
+
+
+_BODY_INCH = 3.0
+_MOST_VIEWS = 8
+_BODY_RGB = (0.25, 0.55, 1.0)
+_FILL_BODY_OVERLAY = 0.55
+
+
+def body_overlay(
+    bodies: Sequence[MethodMesh], truth: Mesh | None, capture: Capture, path: Path
+) -> None:
+    """Write bodies over every photo of a capture, one row each; the true body's outline in green.
+
+    Args:
+        bodies: Titles and surfaces, world metres; at least one.
+        truth: The true body, where it is known.
+        capture: Photos and cameras.
+        path: PNG, PDF or SVG, by its extension.
+
+    Raises:
+        DataError: a photo that is not usable, or the file cannot be written.
+    """
+    cameras = capture.cameras[:_MOST_VIEWS]
+    frames = panel_windows([(truth or bodies[0].mesh, camera) for camera in cameras], _BODY_INCH)
+    figure, axes = canvas((len(bodies), len(cameras)), frames[0].window, _BODY_INCH)
+    seen = [frame.of_camera(camera) for frame, camera in zip(frames, cameras, strict=True)]
+    images = [frame.of_image(photo(capture, view)) for view, frame in enumerate(frames)]
+    true = Raycaster(truth) if truth else None
+    covers = [true.coverage(camera) for camera in seen] if true else [None] * len(seen)
+    for row, body in zip(axes, bodies, strict=True):
+        caster = Raycaster(body.mesh)
+        row[0].set_ylabel(body.title, fontsize=8)
+        for axis, camera, image, cover in zip(row, seen, images, covers, strict=True):
+            show(axis, blended(image, shaded(caster, camera), _FILL_BODY_OVERLAY, _BODY_RGB))
+            if cover is not None:
+                axis.contour(cover, levels=[0.5], colors="#00c030", linewidths=0.6)
     save(figure, path)

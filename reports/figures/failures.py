@@ -17,15 +17,23 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
-from harness.core.records import Record
-from harness.core.results import RegionErrors
+from harness.core.records import Record, RegionErrors
 from harness.geometry.raycast import Raycaster
 from reports.figures.comparison import colour_bar
-from reports.figures.panels import canvas, on_white, panel_windows, photo, save, show
-from reports.figures.shading import ErrorScale, heat, shaded
+from reports.figures.panels import (
+    ErrorScale,
+    canvas,
+    heat,
+    on_white,
+    panel_windows,
+    photo,
+    save,
+    shaded,
+    show,
+)
 from reports.tables.regions import LEAST_SHARE
 
 _PANEL_INCH = 3.2

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats, Mask
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import normal_colours, resampled
 from harness.geometry.photo import WHITE, Photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.window import Window
-from reports.figures.panels import PanelWindow, canvas, on_white, save, show
-from reports.figures.shading import shaded
+from reports.figures.panels import PanelWindow, canvas, on_white, save, shaded, show
 
 #: More photos are not shown: a sheet is to be seen at once.
 _MOST_SHOWN = 8

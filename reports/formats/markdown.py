@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from harness.core.units import Unit
-from reports.formats.layout import Markup, body_lines, footnotes, header_line, published_lines
+from reports.formats.latex import Markup, body_lines, footnotes, header_line, published_lines
 from reports.tables.table import Column, Table
 
 _ESCAPED = str.maketrans({character: f"\\{character}" for character in r"\`*_[]<>|~#"})

@@ -7,9 +7,9 @@ import json
 from collections.abc import Mapping, Sequence
 from urllib.parse import quote
 
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.records import Record
-from reports.page.compact_mesh import CompactMesh
+from reports.page.meshes import CompactMesh
 from reports.page.method_html import record_path
 from reports.page.model import TRUTH, BoardModel, PageModel, PageSubject
 from reports.tables.table import Table

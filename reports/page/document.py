@@ -2,18 +2,202 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from urllib.parse import quote
 
+from harness.core.records import Record
 from reports.page.data_script import thumbnail_path
-from reports.page.frame import (
-    RESULT_SECTIONS,
-    PageFrame,
-    about_html,
-    failures_section,
-    results_html,
-)
-from reports.page.model import PageModel, PageSubject
+from reports.page.method_html import failures_html, methods_html
+from reports.page.model import Fact, PageMethod, PageModel, PageSubject
+from reports.tables.table import DASH, Cell, Column, Row, Table
+
+
+def tables_html(tables: Sequence[Table]) -> str:
+    """All tables, each under its own heading; the page's script makes tabs of them."""
+    return "\n".join(table_html(table) for table in tables)
+
+
+def table_html(table: Table) -> str:
+    """One table with its caption and footnotes."""
+    count = "" if table.complete else '<th scope="col" class="count">n/N</th>'
+    head = "".join(_heading(column) for column in table.columns)
+    bodies = "\n".join(_body(table, place) for place in range(len(table.rows)))
+    return f"""\
+<section class="panel" id="table-{escape(table.name)}" aria-labelledby="title-{escape(table.name)}">
+<h3 id="title-{escape(table.name)}">{escape(table.title)}</h3>
+<div class="scroll" tabindex="0" role="region" aria-label="{escape(table.title)}">
+<table data-table="{escape(table.name)}">
+<thead><tr><th scope="col" class="name">Method</th>{count}{head}</tr></thead>
+{bodies}
+</table>
+</div>
+<p class="caption">{escape(table.caption)}</p>
+</section>"""
+
+
+def _heading(column: Column) -> str:
+    unit = f' <span class="unit">{escape(column.unit)}</span>' if column.unit != "1" else ""
+    title = f"{escape(column.title)}{unit}"
+    return f'<th scope="col" class="number" data-column="{escape(column.id)}">{title}</th>'
+
+
+def _body(table: Table, place: int) -> str:
+    """A method's rows as one group, so that its stages move with it when the table is sorted."""
+    row = table.rows[place]
+    cells = "".join(_cell(table, row, column) for column in table.columns)
+    given = "" if row.competes else ' <span class="tag">not ranked</span>'
+    name = (
+        f'<th scope="row" class="name"><a class="method" href="#method-{escape(row.method)}" '
+        f'data-method="{escape(row.method)}">{escape(row.title)}</a>{given}</th>'
+    )
+    kind = "" if row.competes else ' class="apart"'
+    lines = [f"<tr>{name}{_count(table, f'{row.n}/{row.of}')}{cells}</tr>"]
+    for stage in row.stages:
+        numbers = "".join(_plain(column, stage.cells.get(column.id)) for column in table.columns)
+        name = f'<th scope="row" class="name">{escape(stage.name)}</th>'
+        lines.append(f'<tr class="stage">{name}{_count(table, "")}{numbers}</tr>')
+    return f'<tbody{kind} data-row="{place}">{"".join(lines)}</tbody>'
+
+
+def _count(table: Table, text: str) -> str:
+    return "" if table.complete else f'<td class="count">{escape(text)}</td>'
+
+
+def _cell(table: Table, row: Row, column: Column) -> str:
+    cell = row.cells.get(column.id)
+    if cell is None:
+        return _plain(column, None)
+    kinds = " best" if table.is_best(row, column) else ""
+    label = escape(f"{row.title}, {column.title}: the records behind {column.text(cell.value)}")
+    return (
+        f'<td class="number{kinds}" data-value="{cell.value!r}">'
+        f'<button type="button" class="value" data-method="{escape(row.method)}" '
+        f'data-column="{escape(column.id)}" aria-label="{label}">'
+        f"{escape(column.text(cell.value))}</button>{_interval(column, cell)}</td>"
+    )
+
+
+def _plain(column: Column, cell: Cell | None) -> str:
+    if cell is None:
+        return f'<td class="number">{DASH}</td>'
+    return f'<td class="number">{escape(column.text(cell.value))}{_interval(column, cell)}</td>'
+
+
+def _interval(column: Column, cell: Cell) -> str:
+    if cell.low is None or cell.high is None:
+        return ""
+    ends = f"[{column.text(cell.low)}, {column.text(cell.high)}]"
+    return f'<span class="interval">{escape(ends)}</span>'
+
+
+#: Ids of the sections that every page has.
+RESULT_SECTIONS = ("results", "methods", "failures", "about")
+_TITLES = {
+    "surfaces": "Surfaces",
+    "results": "Tables",
+    "methods": "Methods",
+    "failures": "Failures",
+    "about": "About",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PageFrame:
+    """A document around its sections.
+
+    Attributes:
+        title: The heading.
+        lead: One sentence below it.
+        scripts: Their paths in the order in which they run.
+        sections: Ids of the sections that the head links to.
+    """
+
+    title: str
+    lead: str
+    scripts: tuple[str, ...]
+    sections: tuple[str, ...]
+
+    def html(self, main: str) -> str:
+        """The whole document."""
+        scripts = "".join(f'<script defer src="{path}"></script>\n' for path in self.scripts)
+        links = "".join(f'<a href="#{name}">{_TITLES[name]}</a>' for name in self.sections)
+        return f"""\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<title>{escape(self.title)}: clothed people from photos</title>
+<meta name="description" content="{escape(self.lead)}">
+<link rel="icon" href="data:,">
+<link rel="stylesheet" href="web/page.css">
+{scripts}</head>
+<body>
+<a class="skip" href="#results">Skip to the tables</a>
+<header class="top">
+<div class="heading">
+<h1>{escape(self.title)}</h1>
+<p class="lead">{escape(self.lead)}</p>
+</div>
+<nav aria-label="Sections">
+{links}
+<button type="button" id="theme" aria-label="Switch between dark and light">◐</button>
+</nav>
+</header>
+<main>
+{main}
+</main>
+<div id="card" class="float" role="dialog" aria-label="Details" hidden></div>
+</body>
+</html>
+"""
+
+
+def results_html(tables: Sequence[Table], methods: Sequence[PageMethod]) -> str:
+    """The sections of tables and of methods."""
+    return f"""\
+<section id="results" aria-labelledby="results-title">
+<h2 id="results-title">Tables</h2>
+<div class="tabs" role="tablist" aria-label="Tables" hidden></div>
+{tables_html(tables)}
+</section>
+<section id="methods" aria-labelledby="methods-title">
+<h2 id="methods-title">Methods</h2>
+{methods_html(methods)}
+</section>"""
+
+
+def failures_section(records: Sequence[Record], subjects: Sequence[str]) -> str:
+    """The section of what has no numbers."""
+    return f"""\
+<section id="failures" aria-labelledby="failures-title">
+<h2 id="failures-title">Failures</h2>
+{failures_html(records, subjects)}
+</section>"""
+
+
+def about_html(facts: Sequence[Fact], fine: str) -> str:
+    """The last section.
+
+    Args:
+        facts: Its lines.
+        fine: HTML below them.
+    """
+    lines = "".join(_fact(fact.label, fact.text) for fact in facts)
+    return f"""\
+<section id="about" aria-labelledby="about-title">
+<h2 id="about-title">About</h2>
+<dl class="facts">{lines}</dl>
+<p class="fine">{fine}</p>
+</section>"""
+
+
+def _fact(label: str, text: str) -> str:
+    return f"<div><dt>{escape(label)}</dt><dd>{escape(text)}</dd></div>"
+
 
 #: The page's own scripts in the order in which they are loaded; three.js comes before them.
 SCRIPTS = (

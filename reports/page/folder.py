@@ -9,12 +9,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from harness.core.arrays import Bytes
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.records import Record
-from reports.page.board import BOARD_SCRIPTS, board_html
-from reports.page.compact_mesh import COMPACT_VERSION, CompactMesh
 from reports.page.data_script import (
     board_script,
     coarse_path,
@@ -26,10 +24,37 @@ from reports.page.data_script import (
     surface_script,
     thumbnail_path,
 )
-from reports.page.document import SCRIPTS, page_html
+from reports.page.document import (
+    RESULT_SECTIONS,
+    SCRIPTS,
+    PageFrame,
+    about_html,
+    failures_section,
+    page_html,
+    results_html,
+)
+from reports.page.meshes import COMPACT_VERSION, CompactMesh
 from reports.page.method_html import record_path
-from reports.page.model import BoardModel, PageModel
-from reports.page.photos import thumbnail, webp
+from reports.page.model import BoardModel, PageModel, thumbnail, webp
+
+#: The page's own scripts in the order in which they are loaded; the data come after the first.
+BOARD_SCRIPTS = ("page.js", "tables.js")
+
+
+def board_html(model: BoardModel) -> str:
+    """The document; it is complete before any script runs."""
+    first, *others = (f"web/{name}" for name in BOARD_SCRIPTS)
+    frame = PageFrame(model.title, model.lead, (first, "data.js", *others), RESULT_SECTIONS)
+    return frame.html(
+        "\n".join(
+            [
+                results_html(model.tables, model.methods),
+                failures_section(model.records, model.subjects),
+                about_html(model.facts, "This page loads nothing from a network."),
+            ]
+        )
+    )
+
 
 #: Says that a folder is a page, which may be replaced by a newer one.
 MARK_FILE = "page.json"

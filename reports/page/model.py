@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import io
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from harness.core.cameras.camera import Camera
+from PIL import Image
+
+from harness.core.arrays import Bytes
+from harness.core.camera import Camera
 from harness.core.protocols import MethodInfo
 from harness.core.records import Record
+from reports.tables.selection import select
 from reports.tables.table import Table
 
 #: The name of the true surface where others have the name of their method. No method has a slash.
@@ -153,3 +158,50 @@ class BoardModel:
     methods: tuple[PageMethod, ...]
     records: tuple[Record, ...]
     subjects: tuple[str, ...]
+
+
+#: The longer side of a photo on the page, in pixels; no photo is made larger.
+MOST_PHOTO_PIXELS = 960
+_THUMBNAIL_PIXELS = 192
+_QUALITY = 86
+
+
+def webp(rgba: Bytes, size: tuple[int, int]) -> bytes:
+    """A photo (H, W, 4) as a WebP file of a size (width, height); equal pixels give equal bytes."""
+    picture = Image.fromarray(rgba)
+    if picture.size != size:
+        # Premultiplied, so that the colour behind transparent pixels does not bleed into edges.
+        picture = picture.convert("RGBa").resize(size, Image.Resampling.BOX).convert("RGBA")
+    stream = io.BytesIO()
+    picture.save(stream, format="WEBP", quality=_QUALITY, alpha_quality=90, method=3)
+    return stream.getvalue()
+
+
+def photo_camera(camera: Camera) -> Camera:
+    """The camera of the photo as the page shows it."""
+    return camera.resized(*_fitted((camera.width, camera.height), MOST_PHOTO_PIXELS))
+
+
+def thumbnail(rgba: Bytes) -> bytes:
+    """A small WebP of a photo."""
+    height, width = rgba.shape[:2]
+    return webp(rgba, _fitted((width, height), _THUMBNAIL_PIXELS))
+
+
+def _fitted(size: Sequence[int], most: int) -> tuple[int, int]:
+    scale = min(1.0, most / max(size))
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def page_methods(records: Sequence[Record]) -> tuple[PageMethod, ...]:
+    """What a reader must know of each method, in the order of the records."""
+    infos = {record.method_name: record.method for record in records}
+    return tuple(
+        PageMethod(infos[group.method], _further(group.notes), group.competes)
+        for group in select(records).groups
+    )
+
+
+def _further(notes: Sequence[str]) -> tuple[str, ...]:
+    """The footnotes that say more than the lists of parts and privileges of the same card."""
+    return tuple(note for note in notes if not note.startswith(("Given: ", "Parts: ")))

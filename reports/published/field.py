@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.errors import HarnessError
-from harness.core.privileges import Privilege
+from harness.core.protocols import Privilege
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from reports.published.printed import PublishedBlock, PublishedRow, PublishedValue

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.core.errors import HarnessError, did_you_mean
-from reports.published.printed import PUBLISHED
-from reports.published.stored import STORED_METHODS, SUBJECTS, stored_records
+from reports.published.printed import PUBLISHED, STORED_METHODS, SUBJECTS, stored_records
 from reports.statistics import percentile_ends
 from reports.tables.geometry import geometry_table
 from reports.tables.paired import paired_table

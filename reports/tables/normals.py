@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.errors import DataError
-from harness.core.records import Record
-from harness.core.results import AngularErrors, AngularPair, FoldErrors, NormalMapErrors
+from harness.core.records import AngularErrors, AngularPair, FoldErrors, NormalMapErrors, Record
 from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from harness.core.errors import DataError
-from harness.core.records import Record
-from harness.core.results import RegionErrors
+from harness.core.records import Record, RegionErrors
 from harness.core.units import Unit
 from reports.tables.selection import Group, select
 from reports.tables.table import Column, Interval, Table, cells_of, with_common_means

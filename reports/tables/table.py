@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from statistics import fmean
 from typing import Literal, TypeVar
 
-from harness.core.privileges import Privilege
+from harness.core.protocols import Privilege
 from harness.core.records import ProtocolStamp
 from reports.published import PublishedBlock
 

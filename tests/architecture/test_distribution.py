@@ -99,7 +99,7 @@ def test_the_wheel_holds_the_five_packages_the_program_and_the_manifest(wheel: l
     assert {name.split("/")[0] for name in code} == {*PACKAGES, PROGRAM}
     assert "harness/data/data_manifest.yaml" in code
     others = [name for name in code if not name.endswith(".py")]
-    assert "harness/core/cameras/camera.py" in code
+    assert "harness/core/camera.py" in code
     unexpected = [
         name
         for name in others

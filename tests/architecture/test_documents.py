@@ -16,8 +16,8 @@ import yaml
 
 import harness
 from harness.cli.verb_list import all_verbs, verb_command
-from harness.core.privileges import Privilege
 from harness.core.process.source_digest import OUR_PACKAGES
+from harness.core.protocols import Privilege
 from methods.catalog import METHODS
 
 ROOT = Path(__file__).parents[2]

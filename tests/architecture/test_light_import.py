@@ -32,7 +32,7 @@ def imported(*arguments: str) -> set[str]:
         ("-c", "import harness; dir(harness)"),
         (
             "-c",
-            "import harness.core.formats.mesh_files, harness.core.records; "
+            "import harness.files.mesh_files, harness.core.records; "
             "import harness.core.process.workers",
         ),
         ("-c", "import harness.data, methods, metrics, renderers, reports, methods.catalog"),

@@ -130,9 +130,7 @@ def test_every_command_and_package_is_in_the_reference(monkeypatch: pytest.Monke
     assert "### harness results verify" in commands
     assert "| `--dataset` NAME | Dataset or split" in commands
     assert ".. automodule:: metrics.distance\n   :members:" in reference.package_page("metrics")
-    assert {"harness.core", "harness.core.cameras", "reports.tables"} <= set(
-        reference.all_packages()
-    )
+    assert {"harness.core", "harness.core.files", "reports.tables"} <= set(reference.all_packages())
 
 
 def test_links_of_built_pages_are_followed_to_files_and_anchors(

@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import concatenated, open_edges
 from methods.clothed import integrated

@@ -20,12 +20,12 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from harness.core.field_protocols import FIELD_PROTOCOLS
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
+from harness.files.mesh_files import save_mesh
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.scoring.pair import score
-from metrics.edges import EdgeIndex
+from harness.run.pair import score
+from metrics.pair import EdgeIndex
 
 pytestmark = pytest.mark.nightly
 
@@ -134,7 +134,7 @@ def test_scoring_half_a_million_faces_is_faster_than_the_plain_way(benchmark, in
 MILLION = """
 import json, resource, sys, time
 from pathlib import Path
-from harness.core.formats.mesh_files import load_mesh
+from harness.files.mesh_files import load_mesh
 from harness.core.settings import MetricProtocol
 from metrics.score import score
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from harness.core.protocols import Deviation
-from harness.pipeline.run.chosen_method import ChosenMethod
-from methods.publications import with_parts
+from harness.run.method_choice import ChosenMethod
+from methods.publications import published as with_parts
 from methods.publications.published import SET_BY_USER, Published
 from methods.surface.front_back import FrontBackParameters
 

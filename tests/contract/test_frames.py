@@ -10,17 +10,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context
+from harness.core.protocols import Context, Privilege
+from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.work.cost import StageMeter
-from harness.pipeline.work.shared_results import SharedResults
+from harness.run.cost import StageMeter
+from harness.run.method_choice import ChosenMethod
+from harness.run.shared_results import SharedResults
 from methods.catalog import METHODS
 
 SMALL = {

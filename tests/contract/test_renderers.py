@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import linear_from_srgb, load_mask, load_rgba, save_png
 from harness.geometry.raycast import Raycaster
-from renderers.catalog import RENDERERS
 from renderers.proof import prove, require_proof
+from renderers.protocol import RENDERERS
 
 SLOW = {"blender"}
 EVERY_RENDERER = [

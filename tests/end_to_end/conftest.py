@@ -14,8 +14,8 @@ import pytest
 from PIL import Image
 
 from harness.core.files.atomic import exclusive_lock
-from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
+from harness.files.obj import write_obj
 from tests.fork_server import ForkServer
 
 MANIFEST = """\
@@ -155,8 +155,10 @@ Run = Callable[..., "subprocess.CompletedProcess[str]"]
 #: What commands import, most of them anew each time, which is most of what they do.
 IMPORTED = (
     "harness.cli.main",
-    *(f"harness.cli.verbs.running.{verb}" for verb in ("evaluate", "render", "score")),
-    *(f"harness.cli.verbs.showing.{verb}" for verb in ("check", "data", "report", "results")),
+    *(
+        f"harness.cli.{verb}"
+        for verb in ("check", "data", "evaluate", "render", "report", "results", "score")
+    ),
     "matplotlib.figure",
     "pandas",
 )

@@ -27,7 +27,7 @@ from harness.core.artifacts import Reconstruction
 from harness.core.mesh import Mesh
 from harness.core.protocols import MethodInfo
 from methods.foreign.method_file import read_method
-from methods.foreign.photo_folder import write_photos
+from methods.foreign.command_method import write_photos
 
 FOLDER = Path({folder!r})
 

@@ -161,8 +161,8 @@ def test_an_unknown_key_in_the_manifest(world, harness):
 
 @pytest.mark.parametrize("defect", ["scale", "place", "empty"])
 def test_meshes_that_cannot_be_compared_are_refused(world, harness, figure, defect):
-    from harness.core.formats.obj import write_obj
     from harness.core.mesh import Mesh
+    from harness.files.obj import write_obj
 
     mesh = figure(1.7).geometry()
     if defect == "empty":

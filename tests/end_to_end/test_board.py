@@ -11,21 +11,21 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from harness.board.compare import changes_markdown, compare_boards
+from harness.board.copying import MergedEntry, export_results, merge_entry
+from harness.board.entries import Entry, entries_in, versions
+from harness.board.page import write_board_page
+from harness.board.verify import Truths, Verification, verify_entry
 from harness.cli.main import app
 from harness.core.errors import HarnessError
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.mesh_files import load_mesh, save_mesh
 from harness.core.records import Record
 from harness.data.manifest import load_manifest
-from harness.pipeline.board.compare import changes_markdown, compare_boards
-from harness.pipeline.board.copying import MergedEntry, export_results, merge_entry
-from harness.pipeline.board.entries import Entry, entries_in, versions
-from harness.pipeline.board.page import write_board_page
-from harness.pipeline.board.verify import Truths, Verification, verify_entry
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
-from harness.pipeline.report.tables import FORMATS, ReportRequest, build_table
-from harness.pipeline.run.store import RunStore
+from harness.files.mesh_files import load_mesh, save_mesh
+from harness.report.tables import FORMATS, ReportRequest, build_table
+from harness.run.progress import Silent
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 from tests.mutations import mutated
 
 #: More than this take their time: five hundred were tried.

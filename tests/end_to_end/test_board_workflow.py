@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from harness.pipeline.board.copying import export_results
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.store import RunStore
+from harness.board.copying import export_results
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 
 WORKFLOW = Path(__file__).parents[2] / ".github" / "workflows" / "board.yml"
 STEPS = {

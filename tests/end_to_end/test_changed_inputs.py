@@ -9,22 +9,21 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError, Killed, WriteError
-from harness.core.process.steps import silent
+from harness.core.process.threads import silent
 from harness.core.process.workers import run_worker
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs import captures
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
-from harness.pipeline.run import cell_worker, evaluate, plan
-from harness.pipeline.run.cell_job import CellJob
-from harness.pipeline.run.chosen_method import chosen_methods
-from harness.pipeline.run.store import RunStore
+from harness.run import captures, cell_worker, evaluate, plan
+from harness.run.cell_job import CellJob
+from harness.run.method_choice import chosen_methods
+from harness.run.progress import Silent
+from harness.run.sources import Source
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 from methods.hull import VisualHull
 
 pytestmark = pytest.mark.nightly
 
-CELL_WORKER = "harness.pipeline.run.cell_worker"
+CELL_WORKER = "harness.run.cell_worker"
 
 
 class Told(Silent):

@@ -10,19 +10,19 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.formats.mesh_files import load_mesh, save_mesh
-from harness.core.formats.obj import write_obj
-from harness.core.formats.typed_json import to_json
+from harness.board import conform as conforming
+from harness.board import conform as left_behind
+from harness.board import conform_trial as trial_worker
+from harness.board.conform import ConformRequest, conform
+from harness.board.conform_trial import CHECKS, Certificate, Trial
 from harness.core.process.workers import WorkerDied
+from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
-from harness.pipeline.conformance import conform as conforming
-from harness.pipeline.conformance import left_behind, trial_worker
-from harness.pipeline.conformance.conform import ConformRequest, conform
-from harness.pipeline.conformance.trial import Trial
-from harness.pipeline.conformance.verdict import CHECKS, Certificate
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.files.mesh_files import load_mesh, save_mesh
+from harness.files.obj import write_obj
+from harness.run.method_choice import ChosenMethod
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 
 pytestmark = pytest.mark.nightly
 
@@ -40,7 +40,7 @@ import numpy as np
 
 from harness.core.artifacts import Reconstruction
 from harness.core.errors import MethodError
-from harness.core.formats.mesh_files import load_mesh
+from harness.files.mesh_files import load_mesh
 from harness.core.protocols import MethodInfo
 from harness.geometry.images import load_rgba
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.cameras.frames import write_colmap, write_transforms_json
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera_frames import write_colmap, write_transforms_json
+from harness.core.rigs import RingRig
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.data.manifest import load_manifest
+from harness.files.mesh_files import save_mesh
 
 ROOT = Path(__file__).parents[2]
 PYENV = ".pyenv/versions/3.13.*/bin/python3.13"

@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from harness.core.formats.mesh_files import load_mesh
+from harness.files.mesh_files import load_mesh
 
 PARTS = ("head", "torso", "dress", "dress", "legs", "legs")
 MODULE = """
@@ -16,7 +16,7 @@ import numpy as np
 
 from harness.core.artifacts import NormalMaps, Reconstruction
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
+from harness.core.protocols import Privilege
 from harness.core.protocols import MethodInfo
 
 

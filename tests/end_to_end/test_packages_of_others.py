@@ -12,8 +12,8 @@ import pytest
 from harness.core.errors import MissingPart
 from harness.data.generators import GENERATORS, generator
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]
 

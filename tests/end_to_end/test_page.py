@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError, HarnessError
-from harness.core.formats.mesh_files import load_mesh
 from harness.data.manifest import load_manifest
+from harness.files.mesh_files import load_mesh
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.inputs.scan_set import ScanSet
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
-from harness.pipeline.report import error_cache
-from harness.pipeline.report.page import PageRequest, write_page
-from harness.pipeline.run.store import RunStore
-from metrics.vertices import vertex_errors
-from reports.page.compact_mesh import CompactMesh, CompactScalar
+from harness.report import figures as error_cache
+from harness.report.page import PageRequest, write_page
+from harness.run.progress import Silent
+from harness.run.sources import ScanSet
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
+from metrics.body import vertex_errors
+from reports.page.meshes import CompactMesh, CompactScalar
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from harness.core.formats.mesh_files import load_mesh
+from harness.files.mesh_files import load_mesh
 
 #: The toy figure's parts, in the order in which its faces lie.
 PARTS = ("head", "torso", "arms", "arms", "legs", "legs")

@@ -19,18 +19,18 @@ USED = {
     "methods/hull.py": "changed: code of methods.hull",
     "metrics/distance.py": "changed: code of metrics.distance",
     "metrics/regions.py": "changed: code of metrics.regions",
-    "harness/pipeline/run/cell.py": "changed: code of harness.pipeline.run.cell",
-    "harness/core/privileges.py": "changed: code of harness.core.privileges",
+    "harness/run/cell.py": "changed: code of harness.run.cell",
+    "harness/core/protocols.py": "changed: code of harness.core.protocols",
     "renderers/raycast.py": "photos stale: changed: code of renderers.raycast",
-    "harness/core/formats/obj.py": "photos stale: changed: code of harness.core.formats.obj",
+    "harness/files/obj.py": "photos stale: changed: code of harness.files.obj",
 }
 UNUSED = (
     "methods/body/fit/jmbo.py",
     "methods/clothed.py",
     "methods/gt.py", "methods/catalog.py", "reports/formats/latex.py",
-    "harness/cli/verbs/showing/report.py",
-    "harness/pipeline/scoring/bodies.py", "harness/pipeline/scoring/normals.py",
-    "harness/pipeline/run/plan.py", "harness/data/manifest.py", "renderers/blender/scene.py",
+    "harness/cli/report.py",
+    "harness/run/body_scores.py", "harness/run/normal_scores.py",
+    "harness/run/plan.py", "harness/data/manifest.py", "renderers/blender/scene.py",
     "renderers/proof.py",
 )  # fmt: skip
 

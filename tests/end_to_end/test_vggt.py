@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
-from harness.core.formats.mesh_files import load_mesh
+from harness.files.mesh_files import load_mesh
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
+from methods.feedforward.kin import decoded_cameras
 from methods.feedforward.parts import VGGT
-from methods.feedforward.poses import decoded_cameras
-from methods.points.frames import fitted_frame, fitted_picture
+from methods.points.cloud import fitted_frame, fitted_picture
 from tests.unit.methods.feedforward.conftest import (
     fake_package,  # noqa: F401
     foreign_python,  # noqa: F401

@@ -18,21 +18,21 @@ PROGRAM = """
 import json, sys
 from pathlib import Path
 from harness.data.manifest import load_manifest
-from harness.pipeline.run.chosen_method import chosen_methods
-from harness.pipeline.run.evaluate import evaluate
-from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.progress import Silent
-from harness.pipeline.report.tables import ReportRequest, build_table
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.run.store import RunStore
-from harness.pipeline.inputs.workspace import Workspace
+from harness.run.method_choice import chosen_methods
+from harness.run.evaluate import evaluate
+from harness.run.plan import EvalRequest
+from harness.run.progress import Silent
+from harness.report.tables import ReportRequest, build_table
+from harness.run.sources import Source
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 import harness.core.process.workers, importlib
 
 # The workers' steps in this process, so that the modules that they load can be seen.
 def here(module, job, **_):
     return importlib.import_module(module).handle(job, lambda done, total: None)
-for user in ("inputs.captures", "run.evaluate"):
-    importlib.import_module(f"harness.pipeline.{user}").run_worker = here
+for user in ("captures", "evaluate"):
+    importlib.import_module(f"harness.run.{user}").run_worker = here
 
 manifest = load_manifest()
 workspace = Workspace(Path.cwd())

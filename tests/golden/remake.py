@@ -5,8 +5,8 @@ After a wanted change of the output, run ``python tests/golden/remake.py`` and r
 
 from pathlib import Path
 
-from harness.pipeline.report.tables import FORMATS
-from harness.pipeline.run.store import RunStore
+from harness.report.tables import FORMATS
+from harness.run.store import RunStore
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 

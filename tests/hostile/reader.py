@@ -21,7 +21,7 @@ ROOM_BYTES = 2**30
 def _reader(kind: str) -> Callable[[Path], object]:
     # Imported here: what a reader needs is there before the limit is set.
     if kind == "fit":
-        from harness.core.array_files.pickles import read_array_pickle
+        from harness.core.files.pickles import read_array_pickle
 
         return read_array_pickle
     if kind == "checkpoint":
@@ -49,7 +49,7 @@ def _reader(kind: str) -> Callable[[Path], object]:
 
         Image.init()
         return lambda path: load_rgba(path) if path.suffix == ".png" else load_rgb(path)
-    from harness.core.formats.mesh_files import load_mesh
+    from harness.files.mesh_files import load_mesh
 
     return load_mesh
 

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.core.cameras.camera import Camera, look_at, rigid_inverse
-from harness.core.cameras.frames import rotation_from_quaternion
+from harness.core.camera import Camera, look_at, rigid_inverse
+from harness.core.camera_frames import rotation_from_quaternion
 
 
 def _numbers(low: float, high: float) -> st.SearchStrategy[float]:

@@ -12,17 +12,17 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.frames import (
+from harness.core.camera import Camera
+from harness.core.camera_frames import (
     BLENDER_TO_WORLD,
     quaternion_from_rotation,
     rotation_from_quaternion,
     write_colmap,
     write_transforms_json,
 )
-from harness.data.captures.colmap import write_colmap_binary
-from harness.data.captures.lens import Lens
-from harness.data.captures.reading import read_cameras
+from harness.data.camera_files import read_cameras
+from harness.data.colmap import write_colmap_binary
+from harness.data.lens import Lens
 
 _unit = st.floats(-1, 1)
 _bend = st.floats(-0.3, 0.3)

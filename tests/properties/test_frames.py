@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.frames import (
+from harness.core.camera import Camera
+from harness.core.camera_frames import (
     BLENDER_TO_WORLD,
     OPENCV_TO_BLENDER_CAMERA,
     camera_to_blender,

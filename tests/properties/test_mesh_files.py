@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
+from harness.files.mesh_files import load_mesh
 
 SEEDS = st.integers(0, 2**32 - 1)
 ONE_FOLDER = settings(

@@ -9,11 +9,15 @@ from hypothesis.extra.numpy import arrays
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.geometry.surface import SurfaceIndex, vertex_normals
-from metrics.diagnostics import f_scores
-from metrics.distance import mean_of_directions, nearest_samples, nearest_surface_mm
+from metrics.distance import (
+    mean_of_directions,
+    nearest_samples,
+    nearest_surface_mm,
+    sample_mean,
+    sample_surface,
+)
 from metrics.normals import angles_deg
-from metrics.sampling import sample_mean, sample_surface
-from metrics.score import score
+from metrics.score import f_scores, score
 
 SEEDS = st.integers(0, 2**32 - 1)
 FINITE = st.floats(-1e3, 1e3, allow_subnormal=False)

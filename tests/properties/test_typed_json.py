@@ -11,21 +11,23 @@ from hypothesis import strategies as st
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
-from harness.core.formats.typed_json import from_json, to_json
-from harness.core.privileges import Privilege
-from harness.core.protocols import Deviation, MethodInfo, Part
-from harness.core.records import CaptureStamp, Environment, ProtocolStamp, Record
-from harness.core.results import (
+from harness.core.protocols import Deviation, MethodInfo, Part, Privilege
+from harness.core.records import (
     AngularErrors,
     BodyErrors,
+    CaptureStamp,
     Diagnostics,
+    Environment,
     MetricValue,
     NormalMapErrors,
+    ProtocolStamp,
+    Record,
     RegionErrors,
     Scores,
 )
 from harness.core.settings import MetricProtocol
-from harness.pipeline.run.cell_job import CellResult
+from harness.core.typed_json import from_json, to_json
+from harness.run.cell_job import CellResult
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 TEXTS = st.text(max_size=8)

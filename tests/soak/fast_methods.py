@@ -19,9 +19,9 @@ from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.process.workers import run_worker
 from harness.core.protocols import Context, MethodInfo
-from harness.pipeline.run import evaluate
+from harness.run import evaluate
 
-_CELL_WORKER = "harness.pipeline.run.cell_worker"
+_CELL_WORKER = "harness.run.cell_worker"
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 _FACES = np.array(
     [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from methods.body.pixie.network import PixieBody
-from methods.ifnet import convert as ifnet
+from methods.ifnet import network as ifnet
 from methods.ifnet.network import FEATURES, IfNet
 from methods.normals.econ.network import NormalGenerator
 from methods.normals.econ.part import FILES
-from methods.parts.onnx_export import bare, shapes_of
+from methods.parts.conversion import bare, shapes_of
 
 Numbers = dict[str, NDArray[np.float32]]
 _SEED = 0

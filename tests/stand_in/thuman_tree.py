@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
+from harness.files.obj import write_obj
 
 #: The folders that the two archives of version 2.1 unpack to, side by side.
 SCANS, FITS = "THuman2.1_Release_", "THuman2.1_Release Smpl-X Paras_new"

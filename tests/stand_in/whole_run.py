@@ -28,8 +28,8 @@ from licensed_files import FULL_WIDTH, write_all
 from thuman_tree import SCANS, fit_bytes, write_subject
 
 from harness.core.arrays import Floats
-from harness.core.formats.mesh_files import load_mesh
-from methods.normals.econ import convert
+from harness.files.mesh_files import load_mesh
+from methods.normals.econ import network as convert
 from methods.normals.econ.part import ECON_NORMALS
 from methods.parts.kind import ImportOptions
 

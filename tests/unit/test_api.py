@@ -13,8 +13,8 @@ import pytest
 
 import harness
 from harness.core.settings import MetricProtocol
-from harness.pipeline.run.record_file import write_record_file
-from harness.pipeline.run.store import RunStore
+from harness.run.frames import write_record_file
+from harness.run.store import RunStore
 from metrics.score import score as measured
 from tests.spheres import icosphere as sphere
 

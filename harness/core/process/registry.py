@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from harness.core.errors import HarnessError, MissingPart, did_you_mean
 from harness.core.missing import explained
@@ -72,3 +72,17 @@ class Registry:
         if name not in targets:
             raise HarnessError(f"unknown {self.kind} '{name}'", hint=did_you_mean(name, targets))
         return targets[name]
+
+
+@runtime_checkable
+class Installable(Protocol):
+    """Knows whether it can run on this machine before it is run."""
+
+    def require_installed(self) -> None:
+        """Nothing, if it can.
+
+        Raises:
+            MissingPart: something is not installed; the hint is the next command.
+            MethodError: this machine cannot hold it.
+        """
+        ...

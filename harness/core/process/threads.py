@@ -1,8 +1,11 @@
-"""One function for many items on all cores of this process, in threads."""
+"""Threads, memory and progress of one process."""
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import os
+import sys
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
@@ -28,3 +31,24 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> l
         Interrupted: the run was stopped.
     """
     return in_threads(function, items, len(os.sched_getaffinity(0)))
+
+
+def give_freed_memory_back() -> None:
+    """Let the system have what this process has freed but still holds.
+
+    The GNU C library keeps freed memory for later requests of the same sizes; after a library has
+    been closed these never come. Nothing happens with other C libraries.
+    """
+    gc.collect()
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
+
+
+#: Called with (steps done, steps in all) after each step of one piece of work.
+StepReport = Callable[[int, int], None]
+
+
+def silent(_done: int, _total: int) -> None:
+    """A step report that nobody shows."""

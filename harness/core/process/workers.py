@@ -23,11 +23,11 @@ from typing import Any, cast, get_type_hints
 
 from harness.core.errors import HarnessError, MethodError, error_values, found_error
 from harness.core.files.atomic import read_json, write_json
-from harness.core.formats.typed_json import from_json, to_json
 from harness.core.missing import explained
 from harness.core.process.blender import BlenderWorker
 from harness.core.process.interrupts import require_not_stopped
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
+from harness.core.typed_json import from_json, to_json
 
 _TAIL_LINES = 15
 _POLL_S = 0.05

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.geometry.raycast import Hits
-from methods.body.fit.projection import Projector
+from methods.body.fit.evidence import Projector
 
 if TYPE_CHECKING:
     from torch import Tensor

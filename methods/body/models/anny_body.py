@@ -15,13 +15,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.cameras.frames import ANNY_TO_WORLD
+from harness.core.camera_frames import ANNY_TO_WORLD
 from harness.core.files.atomic import exclusive_lock
 from harness.core.missing import not_installed
-from methods.body.models.anatomy import blend_landmarks, free_joint, sparse_vertices, table
+from methods.body.models.anatomy import (
+    ANNY_OFFSETS_MM,
+    blend_landmarks,
+    free_joint,
+    sparse_vertices,
+    table,
+)
 from methods.body.models.model import FreeJoint, LandmarkTable, Parameters, Posed
-from methods.body.models.offsets import ANNY_OFFSETS_MM
-from methods.body.models.parts import body_part
+from methods.body.models.smplx_part import body_part
 
 if TYPE_CHECKING:
     from torch import Tensor

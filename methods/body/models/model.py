@@ -19,6 +19,7 @@ from harness.core.protocols import Part
 if TYPE_CHECKING:
     from torch import Tensor
 
+
 #: ``orientation`` (B, 3, 2): the first two columns of the body's rotation, in any length;
 #: ``translation`` (B, 3): where the root joint is, metres; ``pose`` (B, R, 3): rotation vectors of
 #: the free joints, radians; ``shape`` (B, S): the model's own shape values.

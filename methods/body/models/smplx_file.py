@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.array_files.npz import read_array_npz
-from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError, MissingPart
+from harness.core.files.npz import read_array_npz
+from harness.core.files.pickles import read_array_pickle
 from harness.core.missing import not_installed
 
 _WHERE = (

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from harness.core.errors import HarnessError
 from harness.core.files.hashing import file_sha256
+from harness.core.files.npz import write_npz
 from harness.core.protocols import Part
-from methods.parts.kind import About
-from methods.parts.store import ConvertedKind
+from methods.body.models.smplx_file import checked_model
+from methods.parts.kind import About, ImportOptions
+from methods.parts.store import ConvertedKind, Examined
 
 #: The file of a part.
 MODEL = "model.npz"
@@ -24,7 +28,7 @@ SMPLX = ConvertedKind(
         files=tuple(f"{name}.npz" for name in NAMES),
         takes=("name",),
     ),
-    "methods.body.models.smplx_import:examine",
+    "methods.body.models.smplx_part:examine",
     "harness eval --method mexecon8 --set body.model=smplx --set body.model_file={name}",
     preferred=NAMES[0],
 )
@@ -89,3 +93,39 @@ def is_pixies(model_file: str) -> bool:
 
 def _is_file(model_file: str) -> bool:
     return "/" in model_file or model_file.endswith((".npz", ".pkl"))
+
+
+def examine(file: Path, options: ImportOptions) -> Examined:
+    """The model in a file; see ``methods.parts.store.Examine``.
+
+    Raises:
+        HarnessError: neither the file's name nor the options say which model it is.
+    """
+    arrays = checked_model(file)
+    name = options.name or file.stem
+    if not options.name and name not in NAMES:
+        raise HarnessError(
+            f"the name of {file} does not say which SMPL-X model it is",
+            expected=" or ".join(NAMES),
+            hint="Give it with --name",
+        )
+    shapes = arrays["shapedirs"].shape[2]
+
+    def write(folder: Path) -> None:
+        write_npz(folder / MODEL, arrays, compressed=False)
+
+    return Examined(name, f"SMPL-X {name} ({shapes} shape and expression directions)", write)
+
+
+def body_part(name: str, model_file: str = "") -> Part:
+    """The part of the body model ``anny`` or ``smplx``; errors as ``smplx_part``."""
+    if name == "anny":
+        return Part("body model", f"Anny {_version('anny')}".strip(), "Apache-2.0")
+    return smplx_part(model_file)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""

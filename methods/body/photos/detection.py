@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.files.hashing import file_sha256
-from harness.core.process.freed_memory import give_freed_memory_back
 from harness.core.process.shared_work import Sharing, Work, alone
+from harness.core.process.threads import give_freed_memory_back
 from harness.core.protocols import Part
 from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
-from methods.body.models.offsets import LEAN_DEG
-from methods.parts.mediapipe_solutions import solutions, titled
+from methods.body.models.anatomy import LEAN_DEG
+from methods.parts.onnx_session import solutions, titled
 
 #: Landmarks of MediaPipe's body.
 COUNT = 33

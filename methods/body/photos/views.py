@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.process.shared_work import Sharing, alone
 from harness.geometry.outline import Outline

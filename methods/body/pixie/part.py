@@ -19,6 +19,6 @@ PIXIE = ConvertedKind(
         source="Register at https://pixie.is.tue.mpg.de, or take it from ECON's pixie_data.zip",
         files=("pixie_model.tar",),
     ),
-    "methods.body.pixie.convert:examine",
+    "methods.body.pixie.network:examine",
     "harness eval --method mexecon8 --set body.model=smplx --set body.start=pixie",
 )

@@ -18,6 +18,6 @@ ECON_NORMALS = ConvertedKind(
         "ckpt/",
         files=("normal.ckpt",),
     ),
-    "methods.normals.econ.convert:examine",
+    "methods.normals.econ.network:examine",
     "harness eval --method econ --set surface.normals=econ --set body.normals=econ",
 )

@@ -40,7 +40,7 @@ from clothed_avatars.wrinkles.roll import COLLAR, HOOD, rumpled
 from clothed_avatars.writer import TexturedMesh, write_avatar
 from harness.core.files.hashing import derive_seed
 from harness.core.process.source_digest import installed_version
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 
 AVATARS_VERSION = 9
 """Changes whenever any output does. What changes only for clothes that crease is in ``Worn``."""

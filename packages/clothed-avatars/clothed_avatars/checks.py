@@ -6,8 +6,8 @@ import numpy as np
 
 from clothed_avatars.mesh.nearness import Nearness
 from clothed_avatars.mesh.quads import Floats, Ints
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
+from harness.core.rigs import RingRig
 from harness.geometry.topology import edges_of
 
 _FRAME_PX = (1080, 1920)

@@ -20,7 +20,7 @@ from clothed_avatars.wrinkles.garment import Wrinkled, wrinkled
 from clothed_avatars.wrinkles.surplus import Tailoring
 from harness.core.errors import MethodError
 from harness.core.files.hashing import derive_seed
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 
 MOST_CROSSING = 0.02
 """A subject is refused if more of a garment's edges pass through it: its drape has collapsed."""

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from clothed_avatars.mesh.quads import Floats
-from harness.core.array_files.npz import read_required_arrays
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
-from harness.core.formats.mesh_files import load_mesh
+from harness.core.camera import Camera
+from harness.core.files.npz import read_required_arrays
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
+from harness.files.mesh_files import load_mesh
 from harness.geometry.raycast import Raycaster
 
 _VIEW_PX = (324, 576)

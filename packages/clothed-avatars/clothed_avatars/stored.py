@@ -16,8 +16,8 @@ from clothed_avatars.clothes.drape import DrapeCheck, Draped
 from clothed_avatars.clothes.patterns import Piece
 from clothed_avatars.clothes.wardrobe import Bottom, Top
 from clothed_avatars.recipe import AvatarRecipe
-from harness.core.array_files.npz import read_required_arrays, write_npz
 from harness.core.files.hashing import content_hash
+from harness.core.files.npz import read_required_arrays, write_npz
 
 DRAPE_VERSION = 1
 """Changes whenever cutting or draping gives another shape for the same recipe."""

@@ -19,7 +19,7 @@ from clothed_avatars.skin import bake
 from clothed_avatars.stored import drape_key, load_drape, save_drape
 from clothed_avatars.writer import write_avatar
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import load_mesh
+from harness.files.mesh_files import load_mesh
 
 pytestmark = pytest.mark.nightly
 

@@ -25,8 +25,8 @@ from clothed_avatars.subjects.populations import LEAST_POSE_DISTANCE_DEG, sealed
 from drawn_people import fabrics, least_distance, poses, recipe_of
 from harness.core.errors import DataError, MethodError
 from harness.core.files.hashing import content_hash
-from harness.core.formats.mesh_files import load_mesh
 from harness.data.manifest import load_manifest
+from harness.files.mesh_files import load_mesh
 from metrics.folds import PIXEL_M, fold_strength, true_normals
 
 TESTED = creased_test_ids()

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from clothed_avatars.clothes.drape_job import ClothFabric, DrapeJob, GarmentJob
-from harness.core.formats.typed_json import from_json, to_json
+from harness.core.typed_json import from_json, to_json
 
 
 def test_a_job_survives_the_way_to_its_process():

@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.core.array_files.npz import MOST_NPZ_BYTES
 from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_text
 from harness.core.files.hashing import file_sha256
-from harness.pipeline.inputs.sealed import refuse
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.progress import Progress
+from harness.core.files.npz import MOST_NPZ_BYTES
+from harness.run.progress import Progress
+from harness.run.sealed import refuse
+from harness.run.sources import Source
 from methods.normals.installed import OPEN_NETWORK
 from normal_training.learning.settings import NetworkPart, TrainingSettings
 from normal_training.reliability import draw_reliability

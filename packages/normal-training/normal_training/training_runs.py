@@ -185,7 +185,7 @@ _ORIGINS = (
     ),
     (
         "bodies that the network is given",
-        "the true one with a fit's errors: `methods/body/models/perturbation.py`",
+        "the true one with a fit's errors: `methods/body/models/choice.py`",
         "CC0-1.0",
     ),
 )

@@ -8,15 +8,14 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.display import shown_progress
+from harness.cli.display import print_json, shown_progress
 from harness.cli.options import Jobs, Json, ManifestPath, Subjects, WorkspacePath, split_names
-from harness.cli.output import print_json
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.names import checked_name
 from harness.data.manifest import Manifest, load_manifest
-from harness.pipeline.inputs.sealed import refuse
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
+from harness.run.sealed import refuse
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 from methods.normals.installed import OPEN_NETWORK, named
 from normal_training.judging.judge import JudgeRequest, judged_networks, to_markdown
 from normal_training.judging.photos import BODY

@@ -9,13 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.main import app
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.core.errors import HarnessError
 from harness.core.protocols import EstimatedNormals
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
+from harness.run.progress import Silent
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 from normal_training.judging import judge as judging
 from normal_training.judging.judge import (
     JudgeRequest,

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.core.array_files.npz import MOST_NPZ_BYTES
 from harness.core.errors import DataError, HarnessError, MissingPart, WriteError
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.obj import write_obj
+from harness.core.files.npz import MOST_NPZ_BYTES
 from harness.core.mesh import Mesh
 from harness.core.process.workers import WorkerDied
 from harness.data.manifest import load_manifest
+from harness.files.obj import write_obj
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
+from harness.run.progress import Silent
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 from methods.normals.installed import OPEN_NETWORK, named
 from normal_training.judging.judge import JudgeRequest, judged_networks
 from normal_training.learning.settings import TrainingSettings

@@ -6,8 +6,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from harness.core.errors import DataError  # noqa: E402
-from methods.normals.onnx_estimator import OnnxNormals  # noqa: E402
-from methods.normals.window import MULTIPLE  # noqa: E402
+from methods.normals.onnx_estimator import MULTIPLE, OnnxNormals  # noqa: E402
 from normal_training.learning.networks import starting  # noqa: E402
 from normal_training.learning.networks.export import export_network  # noqa: E402
 from normal_training.learning.networks.network import Answer, Averaged, NormalNetwork  # noqa: E402

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.core.errors import HarnessError, MissingPart
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "run"
 

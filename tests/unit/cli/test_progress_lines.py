@@ -6,8 +6,7 @@ import io
 
 import pytest
 
-from harness.cli.display import shown_progress
-from harness.cli.progress_lines import ProgressLines
+from harness.cli.display import ProgressLines, shown_progress
 
 
 class Clock:

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import pytest
 from typer.testing import CliRunner
 
+from harness.cli.display import deliver
 from harness.cli.main import app
-from harness.cli.output import deliver
 from harness.cli.verb_list import all_verbs, verb_command
 
 MOST_HELP_S = 0.3

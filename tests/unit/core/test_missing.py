@@ -12,8 +12,8 @@ from harness.core import missing
 from harness.core.errors import MissingPart
 from harness.core.process.registry import Registry
 from harness.core.process.workers import run_worker
-from harness.pipeline.run import chosen_method
-from harness.pipeline.run.chosen_method import chosen_methods
+from harness.run import method_choice as chosen_method
+from harness.run.method_choice import chosen_methods
 
 ROOT = Path(__file__).parents[3]
 

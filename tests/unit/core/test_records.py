@@ -11,12 +11,20 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, StageCost, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.protocols import MethodInfo
-from harness.core.records import CaptureStamp, Environment, ProtocolStamp, Record
-from harness.core.results import AngularErrors, AngularPair, MetricValue, NormalMapErrors
+from harness.core.records import (
+    AngularErrors,
+    AngularPair,
+    CaptureStamp,
+    Environment,
+    MetricValue,
+    NormalMapErrors,
+    ProtocolStamp,
+    Record,
+)
+from harness.core.rigs import RingRig
 
 RECORD = Record(
     key="0123456789abcdef",

@@ -6,10 +6,9 @@ from dataclasses import dataclass, fields, replace
 
 import pytest
 
-from harness.core.cameras.photography import PhotoFaults
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError
 from harness.core.protocol_stages import Alignment, Column, Frame
+from harness.core.rigs import PhotoFaults, RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe, overridden
 
 RECIPE = RenderRecipe(name="quick8", rig=RingRig(), width=270, height=480)

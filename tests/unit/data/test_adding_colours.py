@@ -16,12 +16,17 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
-from harness.data.adding.atlas import Paint, joined, paint_of_corners
-from harness.data.adding.converted import UPS, Conversion, convert_scan, is_converted
-from harness.data.adding.glb_colours import glb_painted
-from harness.data.adding.painted import read_painted
+from harness.data.converted_scans import (
+    UPS,
+    Conversion,
+    convert_scan,
+    glb_painted,
+    is_converted,
+    read_painted,
+)
+from harness.data.texture_atlas import Paint, joined, paint_of_corners
+from harness.files.mesh_files import load_mesh
 from harness.geometry.images import linear_from_srgb, load_rgb
 from tests.box_person import (
     box_person,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.core.errors import DataError, HarnessError
-from harness.data.adding.layouts import Layout, find_layout
+from harness.data.layouts import Layout, find_layout
 
 
 def put(root, *names):

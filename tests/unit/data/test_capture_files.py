@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.cameras.frames import write_colmap, write_transforms_json
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera, look_at
+from harness.core.camera_frames import write_colmap, write_transforms_json
 from harness.core.errors import DataError
-from harness.data.captures.colmap import (
-    read_colmap_binary,
-    read_colmap_text,
-    write_colmap_binary,
+from harness.core.rigs import RingRig
+from harness.data.camera_files import (
+    find_cameras,
+    read_cameras,
+    read_nerfstudio,
+    read_published,
+    write_published,
 )
-from harness.data.captures.lens import Lens, undistortion_map
-from harness.data.captures.nerfstudio import read_nerfstudio
-from harness.data.captures.pictures import (
+from harness.data.colmap import read_colmap_binary, read_colmap_text, write_colmap_binary
+from harness.data.lens import ForeignView, Lens, undistortion_map
+from harness.data.pictures import (
     NamedPictures,
     Reading,
     find_mask,
@@ -29,9 +31,6 @@ from harness.data.captures.pictures import (
     fitting_readings,
     read_photo,
 )
-from harness.data.captures.published import read_published, write_published
-from harness.data.captures.reading import find_cameras, read_cameras
-from harness.data.captures.views import ForeignView
 
 CAMERAS = RingRig(views=3, pitch_deg=10.0).cameras(36, 64)
 NAMES = ("a.png", "b c.png", "d.png")

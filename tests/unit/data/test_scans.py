@@ -11,12 +11,11 @@ import pytest
 from PIL import Image
 
 from harness.core.errors import DataError
-from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.data.manifest import Dataset
 from harness.data.scans import load_scan, load_world_mesh, locate_scan
-from harness.data.thuman import find_subject
-from harness.data.thuman_trees import check_thuman
+from harness.data.thuman import check_thuman, find_subject
+from harness.files.obj import write_obj
 
 FIT_SCALE = 0.4335
 

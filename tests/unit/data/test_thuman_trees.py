@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.array_files.pickles import read_array_pickle
 from harness.core.errors import DataError
+from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
 from harness.data.manifest import Dataset
 from harness.data.scans import load_scan
-from harness.data.subjects import check_files, fit_of, load_subject, locate_subject
-from harness.data.thuman_scans import rotation_of
+from harness.data.subjects import check_files, fit_of, load_subject, locate_subject, rotation_of
 
 SCALE, HEIGHT_M, YAW_DEG = 0.4335, 1.7, 40.0
 
@@ -85,7 +84,7 @@ def test_the_fits_archive_is_found_below_or_beside_the_root(put, tmp_path, root)
     located = locate_subject("t", dataset(), tmp_path / root, "0021")
     assert located.identity() == scan.identity()
     assert set(scan.sha256) == {"0021.obj", "material0.mtl", "material0.jpeg", "smplx_param.pkl"}
-    assert "harness.data.thuman_scans" in scan.reader["code"]
+    assert "harness.data.subjects" in scan.reader["code"]
     checks = check_files(dataset(), tmp_path / root, "0021", {})
     assert [check.state for check in checks] == ["present"] * 4
 

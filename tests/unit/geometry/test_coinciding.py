@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from harness.core.mesh import Mesh
 from harness.geometry.coinciding import coinciding_positions, doubles_of, merged_positions
 from harness.geometry.surface import SurfaceIndex
+from metrics.distance import sample_surface
 from metrics.normals import angles_deg
-from metrics.sampling import sample_surface
 from tests.spheres import icosphere
 
 Change = Callable[[Mesh, np.random.Generator], Mesh]

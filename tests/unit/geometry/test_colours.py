@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from harness.core.arrays import Bytes, Floats
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera, look_at
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.geometry.colours import coloured
-from harness.geometry.colours.colouring import Colouring
-from harness.geometry.colours.detail import finer
-from harness.geometry.colours.levelling import gains
+from harness.core.rigs import RingRig
+from harness.geometry.colouring import Colouring, coloured, finer, gains
 from harness.geometry.images import linear_from_srgb, srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
+from harness.core.rigs import RingRig
 from harness.geometry import images
 from harness.geometry.images import composite, save_png
 from harness.geometry.photo import BLACK, WHITE, open_photo

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.outline import Outline
 from harness.geometry.place import MEAN_HEIGHT_M, place_of
 from harness.geometry.raycast import Raycaster

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera, look_at
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from harness.geometry.window import Window, is_cut
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 
 RADIUS, CENTRE = 0.4, np.array([0.1, -0.2, 0.15])

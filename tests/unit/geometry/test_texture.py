@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.core.mesh import Mesh
+from harness.geometry.photo import linear_texture, texture_at
 from harness.geometry.raycast import Raycaster
-from harness.geometry.texture import linear_texture, texture_at
 
 SQUARE = Mesh(
     vertices=np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float),

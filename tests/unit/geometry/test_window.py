@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.core.cameras.rigs import RingRig
+from harness.core.rigs import RingRig
 from harness.geometry.window import Window, is_cut
 
 CAMERA = RingRig().cameras(108, 192)[0]

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from harness.core.results import FScore
+from harness.core.records import FScore
 from metrics.score import score
 
 

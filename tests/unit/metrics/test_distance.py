@@ -9,8 +9,9 @@ from metrics.distance import (
     mean_of_directions,
     nearest_samples,
     nearest_surface_mm,
+    sample_mean,
+    sample_surface,
 )
-from metrics.sampling import sample_mean, sample_surface
 
 
 def slow_nearest(points, targets):

@@ -6,7 +6,7 @@ from scipy.spatial import procrustes as scipy_procrustes
 from scipy.spatial.transform import Rotation
 
 from harness.core.errors import DataError
-from metrics.field_bodies import BODY_PROTOCOLS, BodyPose, body_numbers
+from metrics.body import BODY_PROTOCOLS, BodyPose, body_numbers
 
 EMDB, THREEDPW14 = BODY_PROTOCOLS["body-emdb"], BODY_PROTOCOLS["body-3dpw14"]
 

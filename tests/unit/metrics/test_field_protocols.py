@@ -20,12 +20,10 @@ from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.mesh import Mesh
 from harness.core.protocol_stages import Alignment, Frame
 from harness.geometry.surface import SurfaceIndex
-from metrics.alignment import aligned, similarity
-from metrics.edges import EdgeIndex
-from metrics.pair import cut_below, per_metre
-from metrics.sampling import sample_surface
+from metrics.distance import sample_surface
+from metrics.pair import EdgeIndex, aligned, cut_below, per_metre, similarity
 from metrics.score import score, score_all
-from metrics.volume import volume_iou
+from metrics.summary import volume_iou
 
 CASES = ("coarse", "fine", "holed", "turned")
 #: Points at which brute force over all faces is asked.

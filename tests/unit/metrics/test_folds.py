@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from metrics.folds import (
     BLUR_M,
     PIXEL_M,

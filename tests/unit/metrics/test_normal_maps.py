@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.typed_json import to_json
 from harness.core.truth import FaceRegions
-from metrics.normal_maps import THRESHOLDS_DEG, angular_error_map, angular_errors
+from harness.core.typed_json import to_json
+from metrics.normals import THRESHOLDS_DEG, angular_error_map, angular_errors
 
 
 def hemisphere(size=41):

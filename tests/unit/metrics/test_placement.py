@@ -5,8 +5,8 @@ import pytest
 
 from harness.core.errors import DataError
 from harness.geometry.surface import SurfaceIndex
+from metrics.distance import sample_surface
 from metrics.placement import check_turn
-from metrics.sampling import sample_surface
 from metrics.score import score
 
 

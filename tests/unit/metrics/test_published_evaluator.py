@@ -11,8 +11,8 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
+from harness.files.mesh_files import load_mesh
 from metrics.score import score
 
 GEOMETRY = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")

@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from harness.core.formats.typed_json import to_json
 from harness.core.settings import MetricProtocol
 from harness.core.truth import FaceRegions
+from harness.core.typed_json import to_json
 from metrics.regions import FAR_MM, region_errors
 from metrics.score import score
 

@@ -5,7 +5,7 @@ import pytest
 
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex, vertex_normals
-from metrics.sampling import _morton_codes, sample_mean, sample_surface
+from metrics.distance import _morton_codes, sample_mean, sample_surface
 
 SAMPLINGS = ["independent", "stratified"]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError, HarnessError
-from harness.core.formats.typed_json import to_json
 from harness.core.metric_catalog import METRICS
+from harness.core.typed_json import to_json
 from metrics.score import score
 
 GEOMETRY = ["chamfer", "p2s_accuracy", "p2s_completeness", "normal_error"]

@@ -5,7 +5,7 @@ import pytest
 
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex
-from metrics.vertices import vertex_errors
+from metrics.body import vertex_errors
 
 SQUARE = Mesh(
     np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from harness.cli import doctor
 from harness.core.files.atomic import write_json
 from harness.core.files.hashing import file_sha256
-from harness.pipeline import doctor
-from methods.econ import econ
+from methods.mexecon import econ
 from methods.normals import installed
 from methods.normals.installed import OPEN_NETWORK
 
@@ -79,7 +79,7 @@ def test_the_open_network_is_named_with_what_to_do_without_it(tmp_path, monkeypa
 
 def test_a_method_whose_network_is_not_there_is_not_usable(tmp_path, monkeypatch):
     monkeypatch.setattr(installed, "shipped_places", tuple)
-    monkeypatch.setattr("methods.econ.econ", econ.configured({"surface.normals": "open"}))
+    monkeypatch.setattr("methods.mexecon.econ", econ.configured({"surface.normals": "open"}))
     found = {finding.name: finding for finding in doctor._catalogued()}
     assert not found["econ"].usable
     assert f"no network '{OPEN_NETWORK}'" in found["econ"].note

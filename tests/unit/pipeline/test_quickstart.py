@@ -9,13 +9,13 @@ import pytest
 
 from harness.core.errors import HarnessError
 from harness.data.manifest import load_manifest
-from harness.pipeline import quickstart as module
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
-from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.run.evaluate import EvalSummary
-from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.run.store import Outcome, RunStore
+from harness.report import quickstart as module
+from harness.run.evaluate import EvalSummary
+from harness.run.method_choice import ChosenMethod
+from harness.run.plan import EvalRequest
+from harness.run.progress import Silent
+from harness.run.store import Outcome, RunStore
+from harness.run.workspace import Workspace
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "run"
 RECORD = next(each for each in RunStore(GOLDEN).records() if each.method_name == "hull8")

@@ -13,17 +13,10 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.protocols import MethodInfo
-from harness.core.records import CaptureStamp, ProtocolStamp, Record
-from harness.core.results import MetricValue
+from harness.core.records import CaptureStamp, MetricValue, ProtocolStamp, Record
 from harness.data.manifest import load_manifest
-from harness.pipeline import seeds as seeding
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
-from harness.pipeline.run.evaluate import EvalSummary
-from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.run.store import RunStore
-from harness.pipeline.seeds import (
+from harness.report import seeds as seeding
+from harness.report.seeds import (
     evaluate_seeds,
     is_deterministic,
     parsed_seeds,
@@ -31,8 +24,14 @@ from harness.pipeline.seeds import (
     seed_runs,
     table_of_seeds,
 )
-from reports.seeds.table import seeds_table
+from harness.run.evaluate import EvalSummary
+from harness.run.method_choice import ChosenMethod, chosen_methods
+from harness.run.plan import EvalRequest
+from harness.run.sources import Source
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 from reports.tables.geometry import GEOMETRY_METRICS
+from reports.tables.seeds import seeds_table
 
 PROTOCOL = load_manifest().protocol("exact")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Scan
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.core.settings import RenderRecipe
 from harness.geometry.images import save_png
 

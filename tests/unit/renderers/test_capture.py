@@ -9,9 +9,9 @@ import pytest
 
 import renderers.raycast
 from harness.core.artifacts import Capture
-from harness.core.cameras.frames import BLENDER_TO_WORLD
+from harness.core.camera_frames import BLENDER_TO_WORLD
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
-from harness.data.captures.reading import read_cameras
+from harness.data.camera_files import read_cameras
 from harness.geometry.images import load_rgba
 from renderers.capture import CaptureInputs, capture
 

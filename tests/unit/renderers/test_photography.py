@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.photography import PhotoFaults
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.errors import DataError
+from harness.core.rigs import PhotoFaults, RingRig
 from harness.geometry.images import load_rgba
-from renderers.capture import CaptureInputs, capture
-from renderers.photography import calibrated, photographed, reprojection_px
+from renderers.capture import CaptureInputs, calibrated, capture, photographed, reprojection_px
 
 BOUNDS = np.array([[-0.4, -0.9, -0.3], [0.4, 0.9, 0.3]])
 

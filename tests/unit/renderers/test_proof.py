@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.artifacts import image_name
 from harness.core.errors import DataError, MethodError
-from harness.core.process.steps import silent
+from harness.core.process.threads import silent
 from harness.geometry.images import load_rgba, save_png
 from renderers.proof import ViewProof, _contour_distances, cut_warnings, prove, require_proof
 from renderers.raycast import RaycastRenderer

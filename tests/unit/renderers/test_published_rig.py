@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
-from harness.core.cameras.frames import read_published_cameras
-from harness.core.formats.obj import write_obj
+from harness.core.camera_frames import read_published_cameras
 from harness.core.mesh import Mesh
 from harness.data.manifest import Dataset, load_manifest
 from harness.data.scans import load_scan
+from harness.files.obj import write_obj
 from harness.geometry.images import load_rgba, save_png
 from renderers.capture import capture
 

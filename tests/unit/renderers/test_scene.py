@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera, look_at
-from harness.core.cameras.frames import BLENDER_TO_WORLD
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera, look_at
+from harness.core.camera_frames import BLENDER_TO_WORLD
 from harness.core.errors import DataError
-from harness.core.formats.typed_json import from_json, to_json
+from harness.core.rigs import RingRig
+from harness.core.typed_json import from_json, to_json
 from renderers.blender.scene import BlenderCamera, Scene, describe, vertices_in_blender
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
-from renderers.studio import key_light_position, square_light_radiance
+from harness.core.rigs import RingRig
+from renderers.capture import key_light_position, square_light_radiance
 
 
 @pytest.mark.parametrize(("distance", "side"), [(3.0, 1.6), (0.5, 1.0), (10.0, 0.2)])

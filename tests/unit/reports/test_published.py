@@ -9,11 +9,11 @@ import pytest
 
 from harness.core.errors import HarnessError
 from harness.data.manifest import load_manifest
-from harness.pipeline.report.tables import FORMATS, ReportRequest, build_published, build_table
-from harness.pipeline.run.store import RunStore
+from harness.report.tables import FORMATS, ReportRequest, build_published, build_table
+from harness.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.published import PUBLISHED, UNIT_NOTE
-from reports.published.stored import STORED_METHODS, SUBJECTS, stored_averages, stored_records
+from reports.published.printed import STORED_METHODS, SUBJECTS, stored_averages, stored_records
 from reports.tables.cost import cost_table
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
 

@@ -21,7 +21,7 @@ from clothed_avatars.people.body import SKIN_VERTICES, AvatarBody, PosedAvatar, 
 from clothed_avatars.people.poses import Pose, joint_rotations
 from harness.core.errors import MethodError
 from harness.core.process.blender import find_blender
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.process.workers import run_worker
 
 _WORKER = "clothed_avatars.clothes.drape_worker"

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from clothed_avatars.clothes.drape_job import ClothFabric, DrapeJob
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.process.workers import worker_main
 
 _STIFFNESS = {"tension": 15.0, "compression": 10.0, "shear": 5.0}

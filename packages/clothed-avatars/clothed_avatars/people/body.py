@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix
-from harness.core.cameras.frames import ANNY_TO_WORLD
+from harness.core.camera_frames import ANNY_TO_WORLD
 from harness.core.files.atomic import exclusive_lock
 from harness.core.missing import not_installed
 from harness.core.truth import OFF_MODEL

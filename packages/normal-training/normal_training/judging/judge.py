@@ -11,8 +11,8 @@ from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.progress import Progress, counted
+from harness.run.progress import Progress, counted
+from harness.run.sources import Source
 from normal_training.judging.judge_worker import JudgeJob
 from normal_training.judging.photos import NormalsJudgement
 from normal_training.sampling.samples import SampleSettings, samples_key

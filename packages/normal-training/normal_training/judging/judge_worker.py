@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.files.hashing import derive_seed
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import NormalEstimator
-from harness.pipeline.inputs.sources import Source
+from harness.run.sources import Source
 from methods.normals import installed
 from methods.normals.estimators import BodyNormals
 from normal_training.judging.photos import BODY, NormalsJudgement, judged_pair

@@ -13,7 +13,7 @@ from harness.core.errors import DataError
 from harness.core.protocols import EstimatedNormals, NormalEstimator
 from methods.normals.view_maps import filled_normals
 from metrics.folds import fold_correlation, fold_strength, pixel_size_m
-from metrics.normal_maps import THRESHOLDS_DEG, angular_error_map
+from metrics.normals import THRESHOLDS_DEG, angular_error_map
 from normal_training.sampling.samples import PrintPair
 
 #: The row of the body's own normals, which is what a network has to beat.

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from harness.core.array_files.npz import write_npz
 from harness.core.files.hashing import content_hash, file_sha256
+from harness.core.files.npz import write_npz
 from harness.geometry.images import packed_normals
 from normal_training.learning.networks.detailed import FirstLook
 from normal_training.learning.networks.starting import network_from

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from harness.core.array_files.npz import read_array_npz
 from harness.core.errors import DataError
+from harness.core.files.npz import read_array_npz
 
 
 def stored_key(path: Path) -> str:

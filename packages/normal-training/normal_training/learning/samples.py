@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from harness.core.array_files.npz import read_required_arrays
 from harness.core.errors import DataError
+from harness.core.files.npz import read_required_arrays
 from harness.geometry.window import Window
 
 Arrays = dict[str, np.ndarray]

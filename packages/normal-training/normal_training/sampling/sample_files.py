@@ -11,8 +11,8 @@ from harness.core.errors import HarnessError, MissingPart, WriteError
 from harness.core.files.atomic import exclusive_lock, remove_leftovers
 from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import WorkerDied, run_worker
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.progress import Progress, counted
+from harness.run.progress import Progress, counted
+from harness.run.sources import Source
 from normal_training.learning.sample_key import stored_key
 from normal_training.sampling.sample_worker import SampleJob
 from normal_training.sampling.samples import SampleSettings, samples_key

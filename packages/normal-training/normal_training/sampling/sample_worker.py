@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.process.workers import worker_main
-from harness.pipeline.inputs.sources import Source
+from harness.run.sources import Source
 from normal_training.sampling.samples import SampleSettings, make_samples
 
 

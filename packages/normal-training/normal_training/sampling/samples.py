@@ -13,23 +13,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.array_files.npz import write_npz
 from harness.core.arrays import Floats, Mask
 from harness.core.artifacts import Scan
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.files.hashing import content_hash, derive_seed
+from harness.core.files.npz import write_npz
 from harness.core.mesh import Mesh
-from harness.core.process.steps import StepReport
+from harness.core.process.threads import StepReport
 from harness.core.truth import true_parameters
 from harness.geometry.images import load_rgb, packed_normals, srgb_from_linear
 from harness.geometry.occlusion import vertex_openness
-from harness.geometry.photo import Picture
+from harness.geometry.photo import Picture, linear_texture
 from harness.geometry.raycast import Raycaster
-from harness.geometry.texture import linear_texture
 from harness.geometry.window import rounded_up
 from methods.body.models.anny_body import AnnyBody
-from methods.body.models.perturbation import FitErrors, as_fitted
-from methods.normals.window import MULTIPLE
+from methods.body.models.choice import FitErrors, as_fitted
+from methods.normals.onnx_estimator import MULTIPLE
 from normal_training.learning.settings import LARGER
 from normal_training.learning.variations.light import (
     LAMPS,

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats, Mask
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.geometry.occlusion import lit_share
+from harness.geometry.photo import texture_at
 from harness.geometry.raycast import Raycaster
-from harness.geometry.texture import texture_at
 from normal_training.learning.variations.light import Gloss, Lamp, Light, sky_and_ground
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.geometry.window import Window
 
 _NEAR_AXIS = 0.5

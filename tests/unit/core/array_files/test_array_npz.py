@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from harness.core.array_files.npz import read_array_npz, read_required_arrays, write_npz
 from harness.core.errors import DataError
+from harness.core.files.npz import read_array_npz, read_required_arrays, write_npz
 
 KINDS = [
     np.dtype(code).newbyteorder(order)

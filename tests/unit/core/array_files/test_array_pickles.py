@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from harness.core.array_files.pickles import MOST_PICKLE_BYTES, arrays_of, read_array_pickle
 from harness.core.errors import DataError
+from harness.core.files.pickles import MOST_PICKLE_BYTES, arrays_of, read_array_pickle
 
 
 def write(path: Path, value: object, protocol: int = 4) -> Path:

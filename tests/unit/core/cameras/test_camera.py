@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.core.errors import DataError
 
 K = np.array([[100.0, 0, 32], [0, 100, 24], [0, 0, 1]])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.cameras.frames import (
+from harness.core.camera_frames import (
     OPENCV_TO_BLENDER_CAMERA,
     camera_to_blender,
     quaternion_from_rotation,
@@ -18,8 +18,8 @@ from harness.core.cameras.frames import (
     write_colmap,
     write_transforms_json,
 )
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
+from harness.core.rigs import RingRig
 
 RIG = RingRig().cameras(1080, 1920)
 #: Places, order and frames of the published file.

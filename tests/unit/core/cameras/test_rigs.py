@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.cameras.frames import read_published_cameras
-from harness.core.cameras.rigs import RingRig, camera_yaw_deg, focal_length_px, views_from_front
+from harness.core.camera_frames import read_published_cameras
+from harness.core.rigs import RingRig, camera_yaw_deg, focal_length_px, views_from_front
 
 
 def test_ring8_has_the_papers_numbers() -> None:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from harness.cli.options import split_names
 from harness.core.errors import HarnessError
 from harness.core.files.names import checked_name, is_name, named_from
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 
 BAD = [
     "", ".", "..", "../../victim", "a/b", "/etc", "a\\b", ".hidden", "-rf", "+1", "a..b", "a b",

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.coloured_mesh import ColouredMesh, save_coloured
-from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
+from harness.files.coloured_mesh import ColouredMesh, save_coloured
+from harness.files.mesh_files import load_mesh
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats import gltf
-from harness.core.formats.gltf import read_glb
 from harness.core.mesh import Mesh
+from harness.files import gltf
+from harness.files.gltf import read_glb
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype="<u2")

@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import MESH_SUFFIXES, MOST_MESH_BYTES, load_mesh, save_mesh
 from harness.core.mesh import Mesh
+from harness.files.mesh_files import MESH_SUFFIXES, MOST_MESH_BYTES, load_mesh, save_mesh
 
 trimesh = pytest.importorskip("trimesh")
 

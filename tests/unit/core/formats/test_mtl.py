@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.mtl import Materials, Picture, materials_of, texture_image
+from harness.files.mtl import Materials, Picture, materials_of, texture_image
 
 
 def put(folder: Path, mtl: bytes, obj: bytes = b"mtllib a.mtl\nusemtl skin\n") -> Path:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.obj import read_obj, read_obj_colours, write_obj
 from harness.core.mesh import Mesh
+from harness.files.obj import read_obj, read_obj_colours, write_obj
 
 V = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 VT = "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.obj import read_obj
+from harness.files.obj import read_obj
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 

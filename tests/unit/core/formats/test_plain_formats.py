@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
+from harness.files.mesh_files import load_mesh
 
 OFF = """\
 OFF

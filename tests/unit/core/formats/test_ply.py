@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.ply import read_ply, write_ply
 from harness.core.mesh import Mesh
+from harness.files.ply import read_ply, write_ply
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]])
 POLYGONS = [[0, 3, 2, 1], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import load_mesh
-from harness.core.formats.polygons import cut_polygons
+from harness.files.mesh_files import load_mesh
+from harness.files.polygons import cut_polygons
 
 NOTCHED = {
     "arrow": ([(0, 0), (2, 0), (0.5, 0.5), (0, 2)], 1.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness.core.process.differences import differences, listed_differences
+from harness.core.process.source_digest import differences, listed_differences
 
 BEFORE = {
     "code": {"methods.hull": "ab", "methods.gone": "cd"},

@@ -7,7 +7,7 @@ import ctypes
 import psutil
 import pytest
 
-from harness.core.process.freed_memory import give_freed_memory_back
+from harness.core.process.threads import give_freed_memory_back
 
 _BLOCK, _BLOCKS = 60_000, 4_000
 

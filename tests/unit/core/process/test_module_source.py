@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.core.process import module_source as own
-from harness.core.process.module_source import ModuleSource, module_source
+from harness.core.process import source_digest as own
+from harness.core.process.source_digest import ModuleSource, module_source
 
 TEXT = '''"""Its docstring."""
 from . import beside

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.core.process import module_source
+from harness.core.process import source_digest as module_source
 from harness.core.process.source_digest import SourceTree
 
 MODULES = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from methods.body.fit import landmark_fit, least_squares
 
 
@@ -86,7 +86,7 @@ def _person(anny):
 
 
 def _ring(count: int, pitch_deg: float = 0.0, height: int = 288) -> tuple[Camera, ...]:
-    from harness.core.cameras.rigs import RingRig
+    from harness.core.rigs import RingRig
 
     rig = RingRig(views=count, pitch_deg=pitch_deg)
     return rig.cameras(height * 9 // 16, height)

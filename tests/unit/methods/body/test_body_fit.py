@@ -15,8 +15,8 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.work.cost import StageMeter
-from harness.pipeline.work.shared_results import SharedResults
+from harness.run.cost import StageMeter
+from harness.run.shared_results import SharedResults
 from methods import body_fit
 from methods.body.fit.jmbo import _first_and_kept
 from methods.body.photos import detection

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from methods.body.fit.fit_frame import fit_frame, in_frame, out_of_frame
+from methods.body.fitting import fit_frame, in_frame, out_of_frame
 
 
 @pytest.mark.parametrize("first", [0, 3])

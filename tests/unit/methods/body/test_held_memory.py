@@ -42,7 +42,7 @@ print(held() is None)
     ("program", "said"),
     [
         (_CALLERS_VALUES % ("methods.body.photos.detection", "_detector"), ["True"]),
-        (_CALLERS_VALUES % ("harness.pipeline.importing.masks", "_network"), ["True"]),
+        (_CALLERS_VALUES % ("harness.photos.masks", "_network"), ["True"]),
         (_MODEL, ["True", "True"]),
     ],
 )

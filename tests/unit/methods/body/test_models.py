@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from harness.core.cameras.camera import Camera
-from methods.body.fit.projection import Projector
+from harness.core.camera import Camera
+from methods.body.fit.evidence import Projector
 from methods.body.models.model import MAIN_JOINTS, neutral
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.truth import TrueParameters
-from methods.body.models.perturbation import FitErrors, as_fitted
+from methods.body.models.choice import FitErrors, as_fitted
 
 NONE = FitErrors(joint_deg=0.0, root_deg=0.0, place_m=0.0, phenotype=0.0)
 

@@ -10,20 +10,21 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.geometry.images import save_png
 from harness.geometry.place import Place
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.run.method_choice import ChosenMethod
 from methods.body.fit.landmark_fit import average, average_of_columns
 from methods.body.models.model import neutral
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.models.smplx_part import SMPLX, named_model
 from methods.body.photos.views import View
-from methods.body.pixie import convert, start
-from methods.body.pixie.decode import _MIRRORED
+from methods.body.pixie import network as convert
+from methods.body.pixie import start
 from methods.body.pixie.part import NETWORK, OUTPUTS, PIXIE
 from methods.body.pixie.start import (
+    _MIRRORED,
     crop_window,
     held_values,
     pixie_each_view,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from methods.body.fit.rotations import (
+from methods.body.fit.landmark_fit import (
     mean_of_columns,
     mean_rotation,
     mean_rotation_vector,

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from methods.body.fit.projection import Projector
-from methods.body.fit.silhouette import SilhouetteTarget, silhouette_cost, uncovered_cost
-from methods.body.fit.surface import BodySurface, Topology
+from methods.body.fit.evidence import Projector
+from methods.body.fit.silhouette import (
+    BodySurface,
+    SilhouetteTarget,
+    Topology,
+    silhouette_cost,
+    uncovered_cost,
+)
 
 
 def smooth_coverage(camera, centre, width):

@@ -9,8 +9,14 @@ import torch
 from harness.core.errors import DataError, HarnessError, MissingPart
 from methods.body.models.choice import body_model
 from methods.body.models.model import neutral
-from methods.body.models.parts import body_part
-from methods.body.models.smplx_part import NAMES, SMPLX, is_pixies, model_path, smplx_part
+from methods.body.models.smplx_part import (
+    NAMES,
+    SMPLX,
+    body_part,
+    is_pixies,
+    model_path,
+    smplx_part,
+)
 from methods.parts.kind import ImportOptions
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from harness.core.artifacts import Body, BodyLandmarks
 from harness.core.errors import DataError
-from methods.body.result import BodyFitResult, FitCost
+from methods.body.settings import BodyFitResult, FitCost
 from methods.body.stored_fit import packed, unpacked
 
 

@@ -10,9 +10,15 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from methods.feedforward.checkpoint import WEIGHTS_FILE, examined_weights
-from methods.feedforward.safetensors import read_header, read_tensor, write_tensors
-from methods.feedforward.tensors import UNUSED_HEADS, vggt_shapes
+from methods.feedforward.checkpoint import (
+    UNUSED_HEADS,
+    WEIGHTS_FILE,
+    examined_weights,
+    read_header,
+    read_tensor,
+    vggt_shapes,
+    write_tensors,
+)
 from tests.unit.methods.feedforward.conftest import SHAPES
 
 LIST = next(

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
-from methods.feedforward.poses import decoded_cameras
-from methods.points.frames import fitted_frame, fitted_picture
+from methods.feedforward.kin import decoded_cameras
+from methods.points.cloud import fitted_frame, fitted_picture
 
 SHARED = Path(__file__).parents[5] / "shared" / "data"
 GOLDEN = next(

@@ -13,10 +13,10 @@ from harness.core.errors import DataError, HarnessError, MethodError, MissingPar
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.run.chosen_method import chosen_methods
+from harness.run.method_choice import chosen_methods
 from methods.feedforward.parts import DA3, MAPANYTHING, NetworkPart
 from methods.from_points.feedforward import da3_8, mapanything8
-from methods.points.frames import Frame, fitted_frame
+from methods.points.cloud import Frame, fitted_frame
 from methods.points.method import PointsMethod
 from tests.unit.methods.points.conftest import ball, capture, context  # noqa: F401
 

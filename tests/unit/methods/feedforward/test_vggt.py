@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods, chosen_methods
-from methods.feedforward import memory
+from harness.run.method_choice import ChosenMethod, catalogued_methods, chosen_methods
+from methods.feedforward import source as memory
+from methods.feedforward.kin import decoded_cameras
 from methods.feedforward.parts import VGGT
-from methods.feedforward.poses import decoded_cameras
-from methods.foreign import exchange
-from methods.foreign.exchange import asked
+from methods.foreign import running as exchange
 from methods.foreign.interpreter import Interpreter
-from methods.foreign.manifest import read_worker
+from methods.foreign.method_file import read_worker
+from methods.foreign.running import asked
 from methods.from_points.feedforward import vggt2, vggt8
 from methods.points.alignment import Similarity
-from methods.points.frames import fitted_frame, fitted_picture
+from methods.points.cloud import fitted_frame, fitted_picture
 from tests.fork_server import ForkServer
 from tests.unit.methods.feedforward.conftest import write_answer
 from tests.unit.methods.feedforward.test_conventions import GOLDEN, golden, needs_golden

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.protocols import Context
+from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from tests.spheres import icosphere

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError, Killed, MethodError, MissingPart
-from methods.foreign.exchange import asked
 from methods.foreign.interpreter import Interpreter, environment_of
-from methods.foreign.manifest import MANIFEST, Worker, read_worker
+from methods.foreign.method_file import MANIFEST, Worker, read_worker
+from methods.foreign.running import asked
 from tests.unit.methods.foreign.toys import runs, until
 
 DESCRIPTION = """\
@@ -164,9 +164,9 @@ def test_a_worker_ends_with_the_process_that_asked(folder, foreign, tmp_path):
         "time.sleep(60)\n"
     )
     program = (
-        "import sys; from pathlib import Path; from methods.foreign.exchange import asked\n"
+        "import sys; from pathlib import Path; from methods.foreign.running import asked\n"
         "from methods.foreign.interpreter import Interpreter\n"
-        "from methods.foreign.manifest import read_worker\n"
+        "from methods.foreign.method_file import read_worker\n"
         f"asked(read_worker(Path({str(folder)!r})), Interpreter(), {{}}, {{}})\n"
     )
     process = subprocess.Popen([sys.executable, "-c", program], env={**os.environ})

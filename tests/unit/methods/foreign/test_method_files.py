@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.privileges import Privilege
+from harness.core.protocols import Privilege
 from methods.foreign.method_file import read_method
 from tests.unit.methods.foreign.toys import described
 

@@ -8,16 +8,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.topology import open_edges
-from methods.ifnet import convert
+from methods.ifnet import network as convert
 from methods.ifnet.completion import Occupancy, completed_by_network, ifnet_part, smoothed
 from methods.ifnet.network import IfNet
 from methods.ifnet.part import IFNET
+from methods.parts.conversion import bare, shapes_of
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_export import bare, shapes_of
 
 SIDE = 64
 CENTRE = np.array([0.1, 0.05, -0.08])

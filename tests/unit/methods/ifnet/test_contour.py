@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.errors import MethodError
 from harness.geometry.topology import open_edges
-from methods.ifnet.contour import contoured_field, refined
+from methods.ifnet.completion import contoured_field, refined
 
 CENTRE, RADIUS = np.array([0.11, -0.2, 0.07]), 0.55
 NOTHING = np.zeros((64, 64, 64), bool)

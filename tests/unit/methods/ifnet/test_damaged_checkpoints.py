@@ -18,9 +18,9 @@ import pytest
 import torch
 
 from harness.cli.main import main
-from methods.ifnet import convert
+from methods.ifnet import network as convert
 from methods.ifnet.network import IfNet
-from methods.parts.onnx_export import bare, shapes_of
+from methods.parts.conversion import bare, shapes_of
 
 Numbers = dict[str, torch.Tensor]
 FIRST, LAST = "netG.conv_in_partial.weight", "netG.fc_out.bias"

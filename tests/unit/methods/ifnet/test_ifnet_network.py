@@ -11,12 +11,13 @@ from torch import nn
 from torch.nn import functional
 
 from harness.core.errors import DataError
-from methods.ifnet import convert, network
+from methods.ifnet import network
+from methods.ifnet import network as convert
 from methods.ifnet.network import IfNet
 from methods.ifnet.part import DECODER, ENCODER, IFNET
-from methods.parts import torch_layers
+from methods.parts import conversion as torch_layers
+from methods.parts.conversion import bare, filled, shapes_of
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_export import bare, filled, shapes_of
 from methods.parts.onnx_session import answers, open_session
 
 #: The vectors' own rounding is 1.1e-3; the least mistake below moves them by 9e-3.

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from methods.ifnet.cube import cube_around
-from methods.ifnet.voxels import body_voxels, sheet_voxels
+from harness.core.rigs import RingRig
+from methods.ifnet.completion import body_voxels, cube_around, sheet_voxels
 
 SIDE = 64
 BOX = np.array([[-0.31, -0.62, -0.22], [0.41, 0.73, 0.17]])

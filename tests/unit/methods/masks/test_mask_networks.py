@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
-from methods.masks import network as module
-from methods.masks.network import MaskNetwork, imported_network
-from methods.masks.part import MASK_NETWORKS
-from methods.masks.recipes import MASK_RECIPES
+from methods import masks as module
+from methods.masks import MASK_NETWORKS, MASK_RECIPES, MaskNetwork, imported_network
 from methods.parts.kind import ImportOptions
 
 onnx = pytest.importorskip("onnx")

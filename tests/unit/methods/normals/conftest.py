@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods.normals import installed

@@ -11,14 +11,14 @@ import pytest
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import file_sha256
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.run.method_choice import ChosenMethod
 from methods.normals import NormalChoice, view_maps, working_view
-from methods.normals.econ import convert
+from methods.normals.econ import network as convert
 from methods.normals.econ.estimator import BACKGROUND, SIDE_PX, econ_normals
 from methods.normals.econ.network import NormalGenerator
 from methods.normals.econ.part import ECON_NORMALS, FILES
+from methods.parts.conversion import bare, shapes_of
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_export import bare, shapes_of
 from methods.parts.store import Examined
 
 WIDTH = 4

@@ -11,12 +11,12 @@ import torch
 from torch import nn
 
 from harness.core.errors import DataError
-from methods.normals.econ import convert
+from methods.normals.econ import network as convert
 from methods.normals.econ.network import NormalGenerator
 from methods.normals.econ.part import FILES
-from methods.parts import torch_layers
+from methods.parts import conversion as torch_layers
+from methods.parts.conversion import bare, filled, shapes_of
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_export import bare, filled, shapes_of
 from methods.parts.onnx_session import answers, open_session
 
 #: The vectors' own rounding is 2.1e-3; the least mistake moves them by 0.19.

@@ -7,13 +7,11 @@ import pytest
 
 from harness.core.errors import HarnessError, MethodError, MissingPart
 from harness.core.files.hashing import content_hash
-from harness.core.privileges import Privilege
-from harness.core.protocols import EstimatedNormals
+from harness.core.protocols import EstimatedNormals, Privilege
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.run.method_choice import ChosenMethod
 from methods.body_fit import jmbo8
-from methods.econ import econ
-from methods.mexecon import mexecon8
+from methods.mexecon import econ, mexecon8
 from methods.normals import NormalChoice, installed, view_maps, working_view
 from methods.normals.installed import OPEN_NETWORK
 from methods.normals.view_maps import filled_normals

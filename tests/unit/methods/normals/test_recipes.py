@@ -10,7 +10,7 @@ import pytest
 from harness.core.errors import DataError, HarnessError
 from harness.geometry.raycast import Raycaster
 from methods.normals import NormalChoice, working_view
-from methods.normals.network_parts import NETWORKS
+from methods.normals.estimators import NETWORKS
 from methods.normals.recipes import RECIPES, prepared
 from methods.parts.kind import ImportOptions
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from methods.normals.window import MARGIN_PX, mask_window, whole_window
+from methods.normals.onnx_estimator import MARGIN_PX, mask_window, whole_window
 
 
 @st.composite

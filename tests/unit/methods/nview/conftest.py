@@ -10,9 +10,9 @@ import pytest
 from skimage.measure import marching_cubes
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from methods.nview.views import FusionView, NormalTargets, fusion_view
 

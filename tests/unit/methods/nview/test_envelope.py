@@ -8,8 +8,7 @@ import pytest
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.topology import concatenated, open_edges
-from methods.closed.envelope import cut_to_outlines
-from methods.closed.lattices import remeshed
+from methods.closed.lattices import cut_to_outlines, remeshed
 
 
 @pytest.fixture

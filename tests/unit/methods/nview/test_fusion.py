@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
 from methods.closed.lattices import Lattice, winding

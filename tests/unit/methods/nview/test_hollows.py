@@ -7,8 +7,8 @@ import pytest
 
 from harness.core.mesh import Mesh
 from harness.geometry.topology import open_edges
-from methods.closed.hollows import hollows_of
 from methods.closed.lattices import contoured, lattice_around
+from methods.photo_pull.dents import hollows_of
 from tests.spheres import icosphere
 
 SIDE, DEPTH, STEP = 0.2, 0.06, 0.003

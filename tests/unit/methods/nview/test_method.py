@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Body, Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context
+from harness.core.protocols import Context, Privilege
+from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges

@@ -13,7 +13,7 @@ from methods.nview import method as module
 from methods.nview.fusion import Fused, settled
 from methods.nview.method import mexecon_plus
 from methods.nview.settings import FusionSettings
-from methods.nview.silhouettes import silhouette_fit
+from methods.nview.start import silhouette_fit
 from tests.unit.methods.nview.test_method import SMALL, context
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.core.settings import overridden
 from harness.geometry.topology import concatenated
 from methods.closed.surfaces import Surface
 from methods.nview.settings import FusionSettings
-from methods.nview.targets import fused_targets, sightings, trust
+from methods.nview.system import fused_targets, sightings, trust
 from methods.nview.views import NormalTargets, checked_views
 
 SETTINGS = FusionSettings(body="off")

@@ -10,7 +10,7 @@ import pytest
 
 from harness.core.errors import DataError
 from harness.core.process.registry import Registry
-from methods.parts import catalog
+from methods.parts import kind as catalog
 from methods.parts.kind import About, ImportOptions
 from methods.parts.store import ConvertedKind, Examined
 

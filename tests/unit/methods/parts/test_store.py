@@ -12,8 +12,8 @@ import pytest
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.hashing import file_sha256
 from harness.core.protocols import Part
-from methods.parts.folders import parts_folder
 from methods.parts.kind import ImportOptions, State
+from methods.parts.store import parts_folder
 
 SILENT = ImportOptions()
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from harness.cli.main import main
-from methods.parts.catalog import KINDS, all_kinds
+from methods.parts.kind import KINDS, all_kinds
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from tests.unit.methods.stereo.conftest import sphere, textured
 
 _STEP_M = 1e-5

@@ -11,8 +11,7 @@ from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from methods.photo_pull import camera_shifts as module
-from methods.photo_pull.camera_shifts import camera_shifts
-from methods.photo_pull.shift_system import Shifts
+from methods.photo_pull.camera_shifts import Shifts, camera_shifts
 from methods.stereo.settings import CameraSettings, NarrowSettings
 from methods.stereo.views import StereoView
 from tests.unit.methods.photo_pull.conftest import without_common_move

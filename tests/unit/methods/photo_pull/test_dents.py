@@ -11,9 +11,8 @@ from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from methods.closed.lattices import remeshed
 from methods.photo_pull.dents import Undented, without_dents
-from methods.photo_pull.task import StereoTask
-from methods.stereo.consistency import joined
-from methods.stereo.pull import pull
+from methods.photo_pull.pulled import StereoTask
+from methods.stereo.pull import joined, pull
 from methods.stereo.settings import DentSettings, near_settings
 from methods.stereo.surface import stereo_points
 from tests.spheres import icosphere

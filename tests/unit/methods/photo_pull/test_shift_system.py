@@ -8,14 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.core.arrays import Floats
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
-from methods.photo_pull.shift_system import (
-    Across,
-    Contradictions,
-    across_direction,
-    solved_shifts,
-)
+from harness.core.camera import Camera
+from harness.core.rigs import RingRig
+from methods.photo_pull.camera_shifts import Across, Contradictions, across_direction, solved_shifts
 from tests.unit.methods.photo_pull.conftest import without_common_move
 
 CAMERAS = RingRig(views=8).cameras(1080, 1920)

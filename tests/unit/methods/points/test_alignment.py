@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
+from harness.core.rigs import RingRig
 from methods.points.alignment import Similarity, camera_similarity, point_similarity
 
 CAMERAS = RingRig(pitch_deg=0.0).cameras(108, 192)

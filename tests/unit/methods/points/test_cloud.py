@@ -5,20 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import open_edges, pieces_of
 from methods.points.cloud import OrientedPoints
-from methods.points.filtering import WorldDepth, kept_points
-from methods.points.meshing import meshed
-from methods.points.normals import grid_normals
-from methods.points.settings import KeepSettings, MeshSettings
-from methods.points.silhouettes import held_to
+from methods.points.filtering import (
+    KeepSettings,
+    MeshSettings,
+    WorldDepth,
+    grid_normals,
+    kept_points,
+)
+from methods.points.meshing import held_to, meshed
 
 CAMERA = RingRig().cameras(108, 192)[1]
 

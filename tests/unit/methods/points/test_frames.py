@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
-from methods.points.frames import Frame, fitted_frame, fitted_picture
+from harness.core.rigs import RingRig
+from methods.points.cloud import Frame, fitted_frame, fitted_picture
 
 #: As worked out by hand: photo, fit, resized, shift, size.
 WORKED = [

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from harness.core.errors import HarnessError, MethodError
-from harness.core.privileges import Privilege
+from harness.core.protocols import Privilege
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import open_edges
 from methods.from_points.oracle8 import oracle8_points
 from methods.points.method import PointsMethod
-from methods.points.rendered import DepthSettings, RenderedDepth
+from methods.points.sources import DepthSettings, RenderedDepth
 
 FAST = {"mesh.depth": "6", "mesh.cell_m": "0.01", "depth.longest_px": "240"}
 

@@ -13,8 +13,8 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.topology import open_edges
-from harness.pipeline.work.cost import StageMeter
-from harness.pipeline.work.shared_results import SharedResults
+from harness.run.cost import StageMeter
+from harness.run.shared_results import SharedResults
 from methods.from_points.stereo8_psr import stereo8_psr
 from methods.stereo import surface
 from methods.stereo8 import stereo8

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from harness.core.arrays import Bytes, Floats
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from methods.stereo.views import StereoView, stereo_view
 from tests.spheres import icosphere

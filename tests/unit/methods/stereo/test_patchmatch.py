@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
-from methods.stereo.consistency import consistent_points
-from methods.stereo.neighbours import neighbours
+from harness.core.rigs import RingRig
 from methods.stereo.patchmatch import StartSurface, depth_map
+from methods.stereo.pull import consistent_points
 from methods.stereo.settings import MatchSettings, StereoSettings
-from methods.stereo.surface import stereo_points
+from methods.stereo.surface import neighbours, stereo_points
 from methods.stereo.views import contrast
 from tests.unit.methods.stereo.conftest import (
     CAMERAS,

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from methods.stereo.consistency import StereoPoints
-from methods.stereo.evidence import agreement
-from methods.stereo.membrane import Neighbourhood
-from methods.stereo.pull import pull
+from methods.stereo.membrane import Neighbourhood, agreement
+from methods.stereo.pull import StereoPoints, pull
 from methods.stereo.settings import PullRound, StereoSettings
 from tests.unit.methods.stereo.conftest import RADIUS
 

@@ -14,7 +14,7 @@ from harness.core.protocols import Context
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from methods import stereo8 as module
-from methods.body.result import BodyFitResult
+from methods.body.settings import BodyFitResult
 from methods.stereo8 import stereo8
 from tests.spheres import icosphere
 from tests.unit.methods.stereo.conftest import CAMERAS, grain, picture

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Body, Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError, MethodError, MissingPart
-from harness.core.formats.mesh_files import load_mesh
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import Context, MethodInfo, Part
+from harness.core.protocols import Context, MethodInfo, Part, Privilege
+from harness.core.rigs import RingRig
+from harness.files.mesh_files import load_mesh
 from harness.geometry import images
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
@@ -24,13 +23,12 @@ from harness.geometry.topology import concatenated, open_edges
 from methods import clothed
 from methods.body.photos import detection
 from methods.body.photos.views import load_views
-from methods.body.result import BodyFitResult
+from methods.body.settings import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod
-from methods.econ import econ
 from methods.fit_settings import JMBO
 from methods.hull import hull8
-from methods.mexecon import mexecon2, mexecon8, mexecon_plus_two_sheets, oracle8
+from methods.mexecon import econ, mexecon2, mexecon8, mexecon_plus_two_sheets, oracle8
 from reports.figures.panels import photo
 
 RADII, CENTRE, CLOTH_M = np.array([0.28, 0.8, 0.2]), np.array([0.04, 0.05, 0.03]), 0.015

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
-from methods.surface.clothed_body import clothed_body, is_unobstructed, ways_out_m
+from methods.surface.completion import clothed_body, is_unobstructed, ways_out_m
 
 BODY_M, CLOTHES_M = 0.20, 0.25
 #: A step of the walk, half of it, and a pixel of the small pictures.

@@ -11,10 +11,11 @@ from harness.geometry.surface import SurfaceIndex
 from methods.surface.completion import (
     BodyCompletion,
     CompletionParameters,
+    body_hands,
     registered,
+    without_hands,
     without_vertices,
 )
-from methods.surface.hands import body_hands, without_hands
 
 BODY_M, CLOTHES_M = 0.30, 0.34
 

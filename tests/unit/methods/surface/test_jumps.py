@@ -14,8 +14,8 @@ import pytest
 from scipy.ndimage import label
 
 from harness.core.arrays import Floats, Mask
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.raycast import Raycaster
 from methods.surface import integrate_normals
 from tests.plain_integration import plain_integration

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import MissingPart
-from methods.surface.lattice import Couplings, solve
+from methods.surface.bilateral import Couplings, solve
 
 
 def dense(system: Couplings) -> np.ndarray:

@@ -7,8 +7,7 @@ import pytest
 
 from harness.core.mesh import Mesh
 from harness.geometry.topology import largest_piece, open_edges
-from methods.surface.fusion import one_piece
-from methods.surface.pinches import without_pinches
+from methods.surface.fusion import one_piece, without_pinches
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 FACES = np.array(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera, look_at
+from harness.core.camera import Camera, look_at
 from harness.core.errors import DataError
 from methods.surface import SheetParameters, front_back_sheets
-from methods.surface.sheets import in_large_piece
+from methods.surface.fusion import in_large_piece
 
 
 def square_camera(K: np.ndarray, size: int) -> Camera:

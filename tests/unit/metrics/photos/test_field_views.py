@@ -5,7 +5,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from harness.core.errors import DataError
-from metrics.photos.field_views import ACTORSHQ, BLACK1024, view_numbers
+from metrics.photos import ACTORSHQ, BLACK1024, view_numbers
 
 
 def pictures():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import DataError
-from metrics.photos.likeness import MOST_DB, likeness, psnr_db, ssim_map
+from metrics.photos import MOST_DB, likeness, psnr_db, ssim_map
 
 
 @pytest.fixture

@@ -11,16 +11,15 @@ import pytest
 import trimesh
 
 from harness.core.artifacts import NormalMaps
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError
-from harness.core.formats.typed_json import from_json, to_json
 from harness.core.mesh import Mesh
-from harness.core.quality.photo_scores import PhotoScores
+from harness.core.photo_scores import PhotoScores
+from harness.core.rigs import RingRig
+from harness.core.typed_json import from_json, to_json
 from harness.geometry.images import linear_from_srgb, srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
-from metrics.photos.appearance import in_exposure_of
-from metrics.photos.score import map_agreement, photo_scores
+from metrics.photos import in_exposure_of, map_agreement, photo_scores
 
 CAMERAS = RingRig(views=8).cameras(180, 320)
 RADIUS = 0.45

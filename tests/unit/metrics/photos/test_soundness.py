@@ -10,7 +10,7 @@ import trimesh
 
 from harness.core.mesh import Mesh
 from harness.geometry.topology import concatenated
-from metrics.photos.soundness import self_intersecting, soundness
+from metrics.photos import self_intersecting, soundness
 
 
 def ball(radius=1.0, centre=(0.0, 0.0, 0.0), level=3) -> Mesh:

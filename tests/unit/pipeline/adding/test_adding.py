@@ -17,15 +17,15 @@ from typer.testing import CliRunner
 from harness.cli.main import app
 from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError
-from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset, load_manifest
 from harness.data.subjects import load_subject
-from harness.pipeline.adding.entry import write_entry
-from harness.pipeline.adding.request import UNSTATED_LICENCE
-from harness.pipeline.inputs.sources import _manifest
-from harness.pipeline.inputs.workspace import Workspace
+from harness.files.obj import write_obj
+from harness.run.add_dataset import write_entry
+from harness.run.scan_rules import UNSTATED_LICENCE
+from harness.run.sources import _manifest
+from harness.run.workspace import Workspace
 from metrics.score import score
 from tests.box_person import box_person, put_glb, put_obj, put_ply
 from tests.stand_in.thuman_tree import FITS, SCANS, fit_bytes, write_subject

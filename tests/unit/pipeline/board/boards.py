@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from harness.core.records import Record
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 
 RUN = Path(__file__).parents[3] / "golden" / "run"
 RECORDS: dict[str, tuple[Record, ...]] = {

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from harness.board.page import write_board_page
 from harness.core.errors import HarnessError
 from harness.core.records import Record
-from harness.pipeline.board.page import write_board_page
 from tests.unit.pipeline.board.boards import RECORDS, put, shifted
 from tests.unit.reports.page.chromium import Page, browser, find_chromium
 

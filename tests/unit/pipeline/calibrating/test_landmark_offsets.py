@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from harness.core.cameras.rigs import RingRig
-from harness.pipeline.calibrating.landmark_offsets import (
-    deviations_mm,
-    remaining_mm,
-    symmetric_means,
-    triangulated,
-)
+from harness.core.rigs import RingRig
+from harness.run.calibration import deviations_mm, remaining_mm, symmetric_means, triangulated
 from methods.body.models.anatomy import blend_landmarks
 from methods.body.models.model import LandmarkTable, Posed
 from methods.body.photos.detection import COUNT, Detections

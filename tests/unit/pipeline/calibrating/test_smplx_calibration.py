@@ -13,22 +13,18 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from harness.cli.main import main
-from harness.core.array_files.pickles import read_array_pickle
 from harness.core.artifacts import Capture
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError
+from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.data.manifest import load_manifest
 from harness.data.subjects import fit_of
-from harness.pipeline.calibrating import smplx_calibration
-from harness.pipeline.calibrating.smplx_calibration import (
-    CalibrationRequest,
-    calibrate_smplx,
-    true_smplx,
-)
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run.chosen_method import ChosenMethod
+from harness.run import calibration as smplx_calibration
+from harness.run.calibration import CalibrationRequest, calibrate_smplx, true_smplx
+from harness.run.method_choice import ChosenMethod
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.models.smplx_part import SMPLX
 from methods.body.models.thuman_body import fitted_body

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from harness.board.conform_trial import frame_checks
 from harness.core.mesh import Mesh
 from harness.geometry.topology import concatenated
-from harness.pipeline.conformance.frame_checks import frame_checks
 from tests.spheres import icosphere
 
 

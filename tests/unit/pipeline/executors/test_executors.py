@@ -17,27 +17,27 @@ from typing import Any
 
 import pytest
 
-from harness.cli.executor_options import ExecutorName, Where
+from harness.cli.options import ExecutorName, Where
 from harness.core.errors import DataError, HarnessError, MissingPart, error_values, found_error
-from harness.core.formats.typed_json import from_json, to_json
+from harness.core.typed_json import from_json, to_json
 from harness.data.manifest import load_manifest
-from harness.pipeline.executors import extras, grants, machine, slurm
-from harness.pipeline.executors.grants import Grant, granted
-from harness.pipeline.executors.local import Local
-from harness.pipeline.executors.machine import machine_facts
-from harness.pipeline.executors.on_a_machine import Errand, carry_out_here
-from harness.pipeline.executors.ray_cluster import RayCluster
-from harness.pipeline.executors.slurm import Element, Slurm, carry_out_element
-from harness.pipeline.executors.task import Answer, Task, groups
-from harness.pipeline.inputs.captures import render_all
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Progress, Silent
-from harness.pipeline.run.chosen_method import chosen_methods
-from harness.pipeline.run.evaluate import evaluate
-from harness.pipeline.run.plan import EvalRequest, RequestJob, plan
-from harness.pipeline.run.store import RunStore
-from harness.pipeline.run.tasks.run_of_tasks import RunOfTasks
+from harness.run import resources as extras
+from harness.run import resources as grants
+from harness.run import slurm
+from harness.run import task as machine
+from harness.run.captures import render_all
+from harness.run.evaluate import evaluate
+from harness.run.method_choice import chosen_methods
+from harness.run.plan import EvalRequest, RequestJob, plan
+from harness.run.progress import Progress, Silent
+from harness.run.ray_cluster import RayCluster
+from harness.run.resources import Grant, granted
+from harness.run.slurm import Element, Slurm, carry_out_element
+from harness.run.sources import Source
+from harness.run.store import RunStore
+from harness.run.task import Answer, Errand, Local, Task, carry_out_here, groups, machine_facts
+from harness.run.tasks import RunOfTasks
+from harness.run.workspace import Workspace
 
 ROOT = Path(__file__).parents[4]
 CORES = len(os.sched_getaffinity(0))

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.pipeline.executors import locks
-from harness.pipeline.executors.locks import LockProbe, Mount, host_local_locks, probe_locks
+from harness.run import locks
+from harness.run.locks import LockProbe, Mount, host_local_locks, probe_locks
 
 MOUNTS = """\
 /dev/vda / ext4 rw,relatime 0 0

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from harness.core.process.interrupts import Interrupted, stopped_by_signals
-from harness.pipeline.executors import ray_cluster
-from harness.pipeline.executors.ray_cluster import RayCluster
-from harness.pipeline.executors.task import Task
-from harness.pipeline.progress import Silent
+from harness.run import ray_cluster
+from harness.run.progress import Silent
+from harness.run.ray_cluster import RayCluster
+from harness.run.task import Task
 
 
 class Connected:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from harness.core.files.atomic import write_json
-from harness.core.formats.typed_json import to_json
-from harness.pipeline.executors import slurm
-from harness.pipeline.executors.slurm import Slurm
-from harness.pipeline.executors.task import Answer
+from harness.core.typed_json import to_json
+from harness.run import slurm
+from harness.run.slurm import Slurm
+from harness.run.task import Answer
 
 
 def test_an_answer_that_is_being_written_is_left_alone(tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.files.atomic import write_json
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 

@@ -12,26 +12,21 @@ from typer.testing import CliRunner
 
 from harness.cli.main import app
 from harness.core.artifacts import Capture
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.frames import write_colmap
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
+from harness.core.camera_frames import write_colmap
 from harness.core.errors import DataError, HarnessError
-from harness.core.process.steps import silent
+from harness.core.process.threads import silent
 from harness.core.protocols import Context, MethodInfo
-from harness.data.captures.views import ForeignCameras, ForeignView
+from harness.core.rigs import RingRig
+from harness.data.lens import ForeignCameras, ForeignView
 from harness.geometry.images import load_rgba
-from harness.pipeline.importing.importing import import_photos
-from harness.pipeline.importing.masks import cut_sides, one_person
-from harness.pipeline.importing.matching import matched_photos
-from harness.pipeline.importing.request import ImportRequest
-from harness.pipeline.importing.world import (
-    FileToWorld,
-    parsed_axis,
-    quarters_upright,
-    up_of_cameras,
-)
-from harness.pipeline.inputs.view_choice import views_for
-from harness.pipeline.photos.exporting import FORMATS, ExportRequest, export_capture
+from harness.photos.exporting import FORMATS, ExportRequest, export_capture
+from harness.photos.importing import import_photos
+from harness.photos.masks import cut_sides, one_person
+from harness.photos.matching import matched_photos
+from harness.photos.request import ImportRequest
+from harness.photos.world import FileToWorld, parsed_axis, quarters_upright, up_of_cameras
+from harness.run.view_choice import views_for
 from methods.hull import HullSettings, VisualHull
 from tests.unit.data.test_capture_files import save_turned, stored_as
 from tests.unit.pipeline.importing.conftest import photographed

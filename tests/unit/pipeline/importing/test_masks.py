@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.pipeline.importing import masks
+from harness.photos import masks
 
 
 def network(monkeypatch, name, mask, landmarks=True):

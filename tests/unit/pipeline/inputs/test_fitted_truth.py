@@ -11,8 +11,8 @@ from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.truth import true_body
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 from methods.body.models.smplx_part import SMPLX
 from methods.parts.kind import ImportOptions
 

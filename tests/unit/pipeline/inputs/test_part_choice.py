@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.core.errors import HarnessError, MissingPart
-from harness.pipeline.inputs.part_choice import PartChoice, parsed_parts
-from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+from harness.run.method_choice import ChosenMethod, PartChoice, chosen_methods, parsed_parts
 from methods import body_fit
 from methods.catalog import METHODS
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from harness.core.errors import ProtocolMismatch
-from harness.core.formats.obj import write_obj
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
+from harness.files.obj import write_obj
 from harness.geometry.images import save_png
-from harness.pipeline.inputs.scan_set import ScanSet
-from harness.pipeline.progress import Silent
-from harness.pipeline.report.tables import FORMATS, TABLES, ReportRequest, build_table
-from harness.pipeline.run.elsewhere import FolderRequest, score_folder
-from harness.pipeline.run.store import RunStore
+from harness.report.tables import FORMATS, TABLES, ReportRequest, build_table
+from harness.run.external_meshes import FolderRequest, score_folder
+from harness.run.progress import Silent
+from harness.run.sources import ScanSet
+from harness.run.store import RunStore
 from reports.tables.geometry import geometry_table
 
 GOLDEN = RunStore(Path(__file__).parents[3] / "golden" / "run").records()

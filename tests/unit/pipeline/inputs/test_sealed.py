@@ -11,16 +11,17 @@ import pytest
 from harness.core.errors import HarnessError
 from harness.core.records import Environment
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs import captures, environment, sealed
-from harness.pipeline.inputs.captures import make_avatars, render_all, show_avatar
-from harness.pipeline.inputs.sealed import Look, admit, log_path
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
-from harness.pipeline.run.chosen_method import chosen_methods
-from harness.pipeline.run.evaluate import evaluate
-from harness.pipeline.run.plan import EvalRequest
-from harness.pipeline.run.store import RunStore
+from harness.run import captures, sealed
+from harness.run import record_inputs as environment
+from harness.run.captures import make_avatars, render_all, show_avatar
+from harness.run.evaluate import evaluate
+from harness.run.method_choice import chosen_methods
+from harness.run.plan import EvalRequest
+from harness.run.progress import Silent
+from harness.run.sealed import Look, admit, log_path
+from harness.run.sources import Source
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 
 SHIPPED = Path(__file__).resolve().parents[4] / "data_manifest.yaml"
 SEALED = "avatars-sealed"
@@ -156,7 +157,7 @@ def test_an_evaluation_is_logged_before_it_begins(manifest, place, monkeypatch):
     def broken(*_args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("harness.pipeline.run.evaluate.plan", broken)
+    monkeypatch.setattr("harness.run.evaluate.plan", broken)
     with pytest.raises(KeyboardInterrupt):
         evaluate(request_of(manifest, place, "the last test"), Silent())
     (row,) = rows(place)

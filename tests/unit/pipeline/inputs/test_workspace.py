@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness.pipeline.inputs.workspace import Workspace
+from harness.run.workspace import Workspace
 
 
 def test_files_of_the_workspace_are_named_from_there(tmp_path):

@@ -13,24 +13,20 @@ from PIL import Image
 
 from harness.core.artifacts import Capture
 from harness.core.errors import DataError, HarnessError
-from harness.core.formats.mesh_files import load_mesh
-from harness.core.formats.typed_json import to_json
+from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
+from harness.files.mesh_files import load_mesh
 from harness.geometry.images import load_rgb
 from harness.geometry.photo import open_photo
 from harness.geometry.window import Window
-from harness.pipeline.inputs.imported import imported_capture, imported_subjects, name_for
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.photos.one_photo import OnePhotoRequest, import_one_photo
-from harness.pipeline.photos.reconstruct import (
-    Assumptions,
-    ReconstructRequest,
-    reconstruct,
-)
-from harness.pipeline.progress import Silent
-from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.run.evaluate import EvalSummary, evaluate
-from harness.pipeline.run.store import PHOTOS_RUN, RunStore
+from harness.photos.one_photo import OnePhotoRequest, import_one_photo
+from harness.photos.reconstruct import Assumptions, ReconstructRequest, reconstruct
+from harness.run.evaluate import EvalSummary, evaluate
+from harness.run.method_choice import ChosenMethod
+from harness.run.progress import Silent
+from harness.run.sources import imported_capture, imported_subjects, name_for
+from harness.run.store import PHOTOS_RUN, RunStore
+from harness.run.workspace import Workspace
 from tests.unit.pipeline.importing.conftest import photographed
 
 
@@ -178,7 +174,7 @@ def test_a_result_of_earlier_photos_is_not_written_as_one_of_these(
     native = photographed(tmp_path / "native")
     asks = asked(native.directory, workspace, tmp_path / "out", "hull8")
     assert reconstruct(asks, Silent()).all_ok
-    monkeypatch.setattr("harness.pipeline.photos.reconstruct.evaluate", killed)
+    monkeypatch.setattr("harness.photos.reconstruct.evaluate", killed)
     again = reconstruct(replace(asks, output=tmp_path / "again"), Silent())
     assert [outcome.failure for outcome in again.outcomes] == ["it was killed"]
     assert not again.all_ok

@@ -8,10 +8,9 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from harness.cli.main import app
-from harness.core.privileges import Privilege
-from harness.core.protocols import Deviation, MethodInfo
-from harness.pipeline.report.method_pages import markdown_pages, text_page
-from harness.pipeline.run.chosen_method import catalogued_methods
+from harness.core.protocols import Deviation, MethodInfo, Privilege
+from harness.report.method_pages import markdown_pages, text_page
+from harness.run.method_choice import catalogued_methods
 from methods.catalog import METHODS
 
 DOCS = Path(__file__).parents[4] / "docs" / "methods.md"

@@ -11,23 +11,22 @@ import pytest
 import trimesh
 
 from harness.core.artifacts import Capture, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import write_json
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import SourceTree
+from harness.core.rigs import RingRig
 from harness.data.manifest import load_manifest
+from harness.files.mesh_files import save_mesh
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.progress import Silent
-from harness.pipeline.report import photo_files
-from harness.pipeline.report.photo_files import PHOTOS_FILE, PhotoFiles
-from harness.pipeline.report.photo_tables import PhotoReport, build_photo_table
-from harness.pipeline.report.tables import FORMATS, ReportRequest
-from harness.pipeline.run.store import RunStore
+from harness.report import photo_tables as photo_files
+from harness.report.photo_tables import PHOTOS_FILE, PhotoFiles, PhotoReport, build_photo_table
+from harness.report.tables import FORMATS, ReportRequest
+from harness.run.progress import Silent
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 
 GOLDEN = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 TEMPLATE = next(r for r in GOLDEN if r.method_name == "hull8" and r.status == "ok")
@@ -41,7 +40,7 @@ def ball(radius: float = 0.4) -> Mesh:
 @pytest.fixture(autouse=True)
 def coarse_colours(monkeypatch: pytest.MonkeyPatch) -> None:
     """Vertices as far apart as two pixels of these small photos."""
-    monkeypatch.setattr("metrics.photos.appearance._MOST_VERTICES", 3000)
+    monkeypatch.setattr("metrics.photos._MOST_VERTICES", 3000)
 
 
 @pytest.fixture
@@ -158,10 +157,10 @@ def test_too_few_reconstructions_have_no_correlation(workspace):
         build_photo_table(report, Silent())
 
 
-@pytest.mark.parametrize("root", ["harness.pipeline.run.cell", "harness.pipeline.scoring.meshes"])
+@pytest.mark.parametrize("root", ["harness.run.cell", "harness.run.mesh_scores"])
 def test_no_record_depends_on_the_code_of_these_figures(root):
     modules = SourceTree.installed().digest([root]).modules
-    own = ("metrics.photos", "harness.geometry.colours", "harness.core.quality",
-           "harness.pipeline.scoring.photos")  # fmt: skip
+    own = ("metrics.photos", "harness.geometry.colouring", "harness.core.photo_scores",
+           "harness.run.photo_figures")  # fmt: skip
     assert modules
     assert not [name for name in modules if name.startswith(own)]

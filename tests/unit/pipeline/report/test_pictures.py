@@ -12,14 +12,12 @@ import pytest
 from harness.core.artifacts import Scan
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import file_sha256
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import MethodInfo
-from harness.core.records import CaptureStamp, ProtocolStamp, Record
-from harness.core.results import RegionErrors
-from harness.pipeline.report import figures as pictures
-from harness.pipeline.run.store import RunStore
+from harness.core.protocols import MethodInfo, Privilege
+from harness.core.records import CaptureStamp, ProtocolStamp, Record, RegionErrors
+from harness.files.mesh_files import save_mesh
+from harness.report import figures as pictures
+from harness.run.store import RunStore
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], float)
 MESH = Mesh(CORNERS, np.array([[0, 1, 2], [1, 3, 2]]))
@@ -70,7 +68,7 @@ def run(tmp_path, monkeypatch):
     scan = Scan("toy", "", tmp_path / "x.obj", "metres", "+z", np.eye(4), {}, labels_path=labels)
     drawn = {}
     monkeypatch.setattr(
-        "harness.pipeline.report.figures.failure_grid",
+        "harness.report.figures.failure_grid",
         lambda rows, _, scale: drawn.update(rows=rows, label=scale.label),
     )
     store = RunStore(tmp_path / "run")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.core.results import AngularErrors, AngularPair, NormalMapErrors, RegionErrors
-from harness.pipeline.report.tables import (
+from harness.core.records import AngularErrors, AngularPair, NormalMapErrors, RegionErrors
+from harness.report.tables import (
     FORMATS,
     TABLES,
     ReportRequest,
@@ -16,7 +16,7 @@ from harness.pipeline.report.tables import (
     in_order,
     write_tables,
 )
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 HEAD = RegionErrors(

@@ -10,19 +10,18 @@ import pytest
 
 from harness.core.artifacts import Body, Reconstruction, StageCost
 from harness.core.errors import HarnessError, MethodError
-from harness.core.formats.typed_json import from_json, to_json
 from harness.core.mesh import Mesh
-from harness.core.records import Environment
-from harness.core.results import MetricValue, Scores
+from harness.core.records import Environment, MetricValue, Scores
+from harness.core.typed_json import from_json, to_json
 from harness.data.manifest import load_manifest
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run import cell_worker
-from harness.pipeline.run.cell_job import CellJob, CellResult
-from harness.pipeline.run.chosen_method import ChosenMethod, catalogued_methods, chosen_methods
-from harness.pipeline.run.plan import EvalRequest, plan
-from harness.pipeline.run.record_inputs import Inputs, method_code
-from harness.pipeline.run.store import RunStore
+from harness.run import cell_worker
+from harness.run.cell_job import CellJob, CellResult
+from harness.run.method_choice import ChosenMethod, catalogued_methods, chosen_methods
+from harness.run.plan import EvalRequest, plan
+from harness.run.record_inputs import Inputs, method_code
+from harness.run.sources import Source
+from harness.run.store import RunStore
+from harness.run.workspace import Workspace
 from methods.catalog import METHODS
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

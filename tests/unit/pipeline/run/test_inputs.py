@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, Scan
-from harness.core.privileges import Privilege
-from harness.core.process import module_source, source_digest
-from harness.core.process.differences import differences
-from harness.core.protocols import MethodInfo, Part
+from harness.core.process import source_digest
+from harness.core.process import source_digest as module_source
+from harness.core.process.source_digest import differences
+from harness.core.protocols import MethodInfo, Part, Privilege
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
 from harness.data.scans import locate_scan
-from harness.pipeline.run.record_inputs import evaluated, method_code, scored_elsewhere
+from harness.run.record_inputs import evaluated, method_code, scored_elsewhere
 from methods.catalog import METHODS
 
 HULL = "methods.hull"
@@ -46,9 +46,9 @@ def test_a_methods_code_has_no_command_line_and_no_reports(name: str) -> None:
     found = method_code(METHODS.module(name), tuple(Privilege)).modules
 
     assert METHODS.module(name) in found
-    assert {"harness.pipeline.run.cell", "metrics.score", "metrics.regions"} < set(found)
-    strangers = ("harness.cli", "reports", "renderers", "harness.pipeline.run.plan",
-                 "harness.pipeline.run.evaluate", "harness.core.process.source_digest")  # fmt: skip
+    assert {"harness.run.cell", "metrics.score", "metrics.regions"} < set(found)
+    strangers = ("harness.cli", "reports", "renderers", "harness.run.plan",
+                 "harness.run.evaluate", "harness.core.process.source_digest")  # fmt: skip
     assert [module for module in found if module.startswith(strangers)] == []
 
 
@@ -57,15 +57,15 @@ def test_scoring_of_bodies_and_normals_counts_where_it_is_used(name: str) -> Non
     found = set(method_code(METHODS.module(name), ()).modules)
     module = METHODS.module(name)
 
-    assert ("harness.pipeline.scoring.bodies" in found) == (module not in WITHOUT_BODY)
-    clothed = module in ("methods.econ", "methods.mexecon", "methods.nview.method")
-    assert ("harness.pipeline.scoring.normals" in found) == clothed
-    assert "harness.pipeline.inputs.oracle_normals" not in found
+    assert ("harness.run.body_scores" in found) == (module not in WITHOUT_BODY)
+    clothed = module in ("methods.mexecon", "methods.mexecon", "methods.nview.method")
+    assert ("harness.run.normal_scores" in found) == clothed
+    assert "harness.run.oracle_normals" not in found
 
 
 def test_lending_the_scans_normals_counts_under_its_privilege() -> None:
-    found = method_code("methods.econ", (Privilege.ORACLE_NORMALS,)).modules
-    assert "harness.pipeline.inputs.oracle_normals" in found
+    found = method_code("methods.mexecon", (Privilege.ORACLE_NORMALS,)).modules
+    assert "harness.run.oracle_normals" in found
 
 
 def test_the_visual_hull_depends_on_no_network() -> None:
@@ -75,7 +75,7 @@ def test_the_visual_hull_depends_on_no_network() -> None:
     assert [module for module in found.modules if module.startswith(others)] == []
     assert {"numpy", "scipy", "scikit-image", "open3d"} <= set(found.packages)
     assert not {"torch", "mediapipe", "anny", "onnxruntime", "bpy"} & set(found.packages)
-    econ = method_code("methods.econ", ()).packages
+    econ = method_code("methods.mexecon", ()).packages
     assert {"torch", "mediapipe", "anny", "onnxruntime"} <= set(econ)
 
 
@@ -100,7 +100,7 @@ def test_the_scan_says_what_reads_it(tmp_path: Path) -> None:
                       subjects=["t1"])  # fmt: skip
     scan = locate_scan("toy", dataset, tmp_path, "t1")
 
-    assert {"harness.data.scans", "harness.core.formats.obj"} < set(scan.reader["code"])
+    assert {"harness.data.scans", "harness.files.obj"} < set(scan.reader["code"])
     assert "harness.data.manifest" not in scan.reader["code"], "it is read to rules, which count"
     assert set(scan.truth_sha256) == {"body.npz"}
     (folder / "body.npz").write_bytes(b"another")

@@ -11,18 +11,18 @@ from PIL import Image
 
 from harness.core.artifacts import Capture, Reconstruction, Scan
 from harness.core.errors import DataError
-from harness.core.formats.mesh_files import save_mesh
-from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
+from harness.core.typed_json import to_json
 from harness.data.manifest import Dataset
-from harness.pipeline.inputs.scan_set import ScanSet
-from harness.pipeline.progress import Silent
-from harness.pipeline.run.cell import Truth, scores_of
-from harness.pipeline.run.elsewhere import FolderRequest, score_folder
-from harness.pipeline.run.store import RunStore
-from harness.pipeline.scoring.pair import score
+from harness.files.mesh_files import save_mesh
+from harness.run.cell import Truth, scores_of
+from harness.run.external_meshes import FolderRequest, score_folder
+from harness.run.pair import score
+from harness.run.progress import Silent
+from harness.run.sources import ScanSet
+from harness.run.store import RunStore
 
 PROTOCOL = MetricProtocol("mexecon", 2, 2000, "independent", "sample-to-sample")
 #: Neither body nor normals are scored here, so no photo is looked at.

@@ -7,14 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.core.cameras.camera import Camera
-from harness.core.cameras.rigs import RingRig
+from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.core.privileges import Privilege
-from harness.core.protocols import MethodInfo
-from harness.pipeline.inputs.oracle_normals import OracleNormals
-from harness.pipeline.run.cell import lent_to
+from harness.core.protocols import MethodInfo, Privilege
+from harness.core.rigs import RingRig
+from harness.run.cell import lent_to
+from harness.run.oracle_normals import OracleNormals
 
 
 def plate() -> Mesh:

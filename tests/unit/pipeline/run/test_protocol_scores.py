@@ -9,17 +9,17 @@ from PIL import Image
 
 from harness.core.errors import HarnessError
 from harness.core.field_protocols import FIELD_PROTOCOLS
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import Dataset
-from harness.pipeline.inputs.scan_set import ScanSet
-from harness.pipeline.progress import Silent
-from harness.pipeline.report.tables import ReportRequest, build_published, table_of_protocols
-from harness.pipeline.run.elsewhere import FolderRequest, score_folder
-from harness.pipeline.run.protocol_scores import score_protocols
-from harness.pipeline.run.store import RunStore
-from reports.figures.rank_curves import rank_curves
+from harness.files.mesh_files import save_mesh
+from harness.report.tables import ReportRequest, build_published, table_of_protocols
+from harness.run.external_meshes import FolderRequest, score_folder
+from harness.run.progress import Silent
+from harness.run.protocol_scores import score_protocols
+from harness.run.sources import ScanSet
+from harness.run.store import RunStore
+from reports.figures.view_curves import rank_curves
 from reports.tables.geometry import geometry_table
 from tests.spheres import icosphere
 

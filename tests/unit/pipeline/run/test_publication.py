@@ -21,9 +21,9 @@ from harness.core.errors import DataError, WriteError
 from harness.core.files.hashing import file_sha256
 from harness.core.protocols import MethodInfo
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
-from harness.pipeline.run import publication
-from harness.pipeline.run.publication import Attempt, collect, file_of
-from harness.pipeline.run.store import CellFolder, RunStore
+from harness.run import publication
+from harness.run.publication import Attempt, collect, file_of
+from harness.run.store import CellFolder, RunStore
 
 RECORD = Record(
     key="k",
@@ -53,7 +53,7 @@ import time
 from pathlib import Path
 sys.path[:0] = [{tests!r}]
 from test_publication import publish_one
-from harness.pipeline.run.store import CellFolder
+from harness.run.store import CellFolder
 cell = CellFolder(Path({cell!r}))
 for number in range({start}, {start} + {count}):
     with cell.locked():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError
-from harness.pipeline.run.record_file import read_record_file, write_record_file
+from harness.run.frames import read_record_file, write_record_file
 from tests.unit.pipeline.board.boards import RECORDS
 
 ALL = [record for records in RECORDS.values() for record in records]

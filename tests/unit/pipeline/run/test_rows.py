@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.pipeline.run.cell import seed_for
-from harness.pipeline.run.chosen_method import ChosenMethod, chosen_methods
+from harness.run.cell import seed_for
+from harness.run.method_choice import ChosenMethod, chosen_methods
 from methods.normals.installed import OPEN_NETWORK, named
 
 SETTINGS = {"hull.voxel_m": "0.02"}

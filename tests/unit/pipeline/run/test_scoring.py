@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.formats.mesh_files import save_mesh
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
-from harness.pipeline.scoring.pair import score
+from harness.files.mesh_files import save_mesh
+from harness.run.pair import score
 
 SPLIT = MetricProtocol("mexecon", 2, 3000, "independent", "sample-to-sample", texture_seams="split")
 

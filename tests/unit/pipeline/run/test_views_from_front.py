@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Reconstruction
-from harness.core.formats.obj import write_obj
-from harness.core.formats.typed_json import to_json
 from harness.core.mesh import Mesh
 from harness.core.protocols import MethodInfo
+from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
+from harness.files.obj import write_obj
 from harness.geometry.images import save_png
-from harness.pipeline.inputs.sources import Source
-from harness.pipeline.inputs.workspace import Workspace
-from harness.pipeline.run import cell_worker
-from harness.pipeline.run.cell import scores_of
-from harness.pipeline.run.cell_job import CellJob
-from harness.pipeline.run.chosen_method import ChosenMethod
-from harness.pipeline.run.record_inputs import evaluated
+from harness.run import cell_worker
+from harness.run.cell import scores_of
+from harness.run.cell_job import CellJob
+from harness.run.method_choice import ChosenMethod
+from harness.run.record_inputs import evaluated
+from harness.run.sources import Source
+from harness.run.workspace import Workspace
 
 MANIFEST = """\
 schema: 1

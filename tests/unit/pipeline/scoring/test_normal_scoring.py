@@ -7,13 +7,13 @@ import pytest
 
 from clothed_avatars.skin.bake import _REGIONS
 from harness.core.artifacts import NormalMaps, Scan
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.core.truth import BODY_REGIONS
 from harness.geometry.raycast import Raycaster
-from harness.pipeline.run.result_files import load_normals, save_normals
-from harness.pipeline.scoring.normals import normal_map_errors
+from harness.run.normal_scores import normal_map_errors
+from harness.run.publication import load_normals, save_normals
 from metrics.folds import fold_strength
 
 CAMERAS = RingRig().cameras(90, 160)

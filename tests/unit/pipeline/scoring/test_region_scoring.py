@@ -10,7 +10,7 @@ from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.core.truth import face_regions
-from harness.pipeline.scoring.meshes import mesh_scores
+from harness.run.mesh_scores import mesh_scores
 
 PROTOCOL = MetricProtocol("mexecon", 1, 500, "independent", "sample-to-sample")
 

@@ -8,8 +8,8 @@ import pytest
 from harness.core.artifacts import Body, Scan
 from harness.core.errors import DataError
 from harness.core.truth import true_body, true_parameters
-from harness.pipeline.calibrating.landmark_offsets import true_posed
-from harness.pipeline.scoring.bodies import _against_truth
+from harness.run.body_scores import _against_truth
+from harness.run.calibration import true_posed
 
 VERTICES = np.arange(12.0).reshape(4, 3)
 JOINTS = np.arange(6.0).reshape(2, 3)

@@ -12,9 +12,9 @@ import pytest
 from harness.core.artifacts import StageCost
 from harness.core.errors import MethodError
 from harness.core.process.shared_work import Work, alone
-from harness.pipeline.work import shared_results
-from harness.pipeline.work.cost import StageMeter
-from harness.pipeline.work.shared_results import SharedResults
+from harness.run import shared_results
+from harness.run.cost import StageMeter
+from harness.run.shared_results import SharedResults
 
 VALUES = np.array([0.1, 1 / 3, np.pi])
 
@@ -66,7 +66,7 @@ def test_alone_makes_everything(work, made):
 
 @pytest.mark.parametrize(
     "change",
-    [{"inputs": {"photo": "b"}}, {"name": "other thirds"}, {"module": "harness.core.privileges"}],
+    [{"inputs": {"photo": "b"}}, {"name": "other thirds"}, {"module": "harness.core.protocols"}],
 )
 def test_other_work_is_made_for_itself(work, share, made, change):
     share()(work)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
-from harness.core.results import RegionErrors
+from harness.core.records import RegionErrors
+from harness.core.rigs import RingRig
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from reports.figures.failures import (
@@ -23,7 +23,7 @@ from reports.figures.failures import (
     worst_region,
     worst_subjects,
 )
-from reports.figures.shading import ErrorScale
+from reports.figures.panels import ErrorScale
 
 WIDTH, HEIGHT = 54, 96
 

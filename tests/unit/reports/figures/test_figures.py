@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
+from harness.core.rigs import RingRig
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.window import Window
@@ -19,8 +19,7 @@ from reports.figures.comparison import (
     overlay_figure,
     qualitative_grid,
 )
-from reports.figures.panels import PanelWindow, panel_windows, photo
-from reports.figures.shading import ErrorScale, heat, shaded
+from reports.figures.panels import ErrorScale, PanelWindow, heat, panel_windows, photo, shaded
 
 WIDTH, HEIGHT = 54, 96
 

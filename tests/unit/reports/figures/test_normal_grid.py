@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture, NormalMaps, image_name
-from harness.core.cameras.rigs import RingRig
 from harness.core.errors import HarnessError
+from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
-from reports.figures.normal_grid import NormalPanels, NormalRow, _errors, normal_grid
+from reports.figures.comparison import NormalPanels, NormalRow, _errors, normal_grid
 
 CAMERAS = RingRig().cameras(90, 160)
 FACING = np.array([0.0, 0.0, 1.0])

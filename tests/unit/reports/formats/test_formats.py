@@ -10,7 +10,7 @@ from statistics import fmean
 
 import pytest
 
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.cost import cost_table

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.core.protocols import Part
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 from reports.formats.latex import escape, to_latex
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.core.cameras.rigs import RingRig
 from harness.core.mesh import Mesh
 from harness.core.records import Record
-from harness.pipeline.run.store import RunStore
-from reports.page.compact_mesh import CompactMesh, ScalarColumn
+from harness.core.rigs import RingRig
+from harness.run.store import RunStore
 from reports.page.folder import page_folder
+from reports.page.meshes import CompactMesh, ScalarColumn
 from reports.page.model import (
     TRUTH,
     Fact,

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from reports.page.coarse_mesh import COARSE_FACES, coarse_mesh
-from reports.page.compact_mesh import ScalarColumn
+from reports.page.meshes import COARSE_FACES, ScalarColumn, coarse_mesh
 from tests.unit.reports.page.pages import square
 
 CELLS = 60

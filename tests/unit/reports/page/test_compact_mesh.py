@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from reports.page.compact_mesh import CompactMesh, ScalarColumn
+from reports.page.meshes import CompactMesh, ScalarColumn
 from tests.unit.reports.page.pages import square
 
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0.5, 0]]), np.array([[2, 0, 1]]))

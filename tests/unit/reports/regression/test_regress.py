@@ -9,15 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.core.errors import DataError, HarnessError, ProtocolMismatch
-from harness.core.records import ProtocolStamp
-from harness.core.results import (
+from harness.core.records import (
     AngularErrors,
     AngularPair,
     FoldErrors,
     MetricValue,
     NormalMapErrors,
+    ProtocolStamp,
 )
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 from reports.regression.baseline import (
     Baseline,
     Tolerance,

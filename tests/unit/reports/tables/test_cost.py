@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.artifacts import StageCost
 from harness.core.records import Environment
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 from reports.tables.cost import cost_table
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.pipeline.run.store import RunStore
-from reports.tables.frame import frame
+from harness.run.store import RunStore
 from reports.tables.geometry import geometry_table
+from reports.tables.selection import frame
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 

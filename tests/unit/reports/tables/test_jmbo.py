@@ -8,8 +8,8 @@ import pytest
 
 from harness.core.errors import ProtocolMismatch
 from harness.core.protocols import Part
-from harness.core.results import MetricValue
-from harness.pipeline.run.store import RunStore
+from harness.core.records import MetricValue
+from harness.run.store import RunStore
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_json
 from reports.tables.jmbo import BODY_METRICS, jmbo_table

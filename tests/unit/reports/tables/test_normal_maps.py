@@ -10,8 +10,8 @@ import pytest
 
 from harness.core.errors import DataError
 from harness.core.protocols import Part
-from harness.core.results import AngularErrors, AngularPair, FoldErrors, NormalMapErrors
-from harness.pipeline.run.store import RunStore
+from harness.core.records import AngularErrors, AngularPair, FoldErrors, NormalMapErrors
+from harness.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json

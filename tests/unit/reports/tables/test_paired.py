@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError, ProtocolMismatch
-from harness.core.privileges import Privilege
-from harness.core.protocols import Part
+from harness.core.protocols import Part, Privilege
 from harness.core.records import CaptureStamp
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 from reports.tables.geometry import GEOMETRY_METRICS
 from reports.tables.paired import change_table, paired_table
 

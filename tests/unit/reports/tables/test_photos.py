@@ -9,19 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.core.quality.photo_scores import (
-    Likeness,
-    MapAgreement,
-    PhotoScores,
-    Soundness,
-    ViewScore,
-)
-from harness.core.results import AngularErrors
-from harness.pipeline.report.tables import FORMATS
-from harness.pipeline.run.store import RunStore
+from harness.core.photo_scores import Likeness, MapAgreement, PhotoScores, Soundness, ViewScore
+from harness.core.records import AngularErrors
+from harness.report.tables import FORMATS
+from harness.run.store import RunStore
 from reports.formats.programs import to_json
-from reports.tables.photo_errors import photo_errors_table, rank_correlation
-from reports.tables.photos import photos_table
+from reports.tables.photos import photo_errors_table, photos_table, rank_correlation
 
 RUN = Path(__file__).parents[3] / "golden" / "run"
 GOLDEN = [r for r in RunStore(RUN).records() if r.method_name == "hull8" and r.status == "ok"]

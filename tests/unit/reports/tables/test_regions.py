@@ -10,8 +10,8 @@ import pytest
 
 from clothed_avatars.clothes import wardrobe
 from clothed_avatars.skin.bake import _REGIONS
-from harness.core.results import RegionErrors
-from harness.pipeline.run.store import RunStore
+from harness.core.records import RegionErrors
+from harness.run.store import RunStore
 from reports.formats.latex import to_latex
 from reports.formats.markdown import to_markdown
 from reports.formats.programs import to_csv, to_json

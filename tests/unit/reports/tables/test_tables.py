@@ -10,11 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.core.errors import HarnessError, ProtocolMismatch
-from harness.core.privileges import Privilege
-from harness.core.protocols import Part
-from harness.core.records import CaptureStamp, ProtocolStamp
-from harness.core.results import MetricValue
-from harness.pipeline.run.store import RunStore
+from harness.core.protocols import Part, Privilege
+from harness.core.records import CaptureStamp, MetricValue, ProtocolStamp
+from harness.run.store import RunStore
 from reports.tables.geometry import geometry_table
 from reports.tables.table import footnote_mark
 

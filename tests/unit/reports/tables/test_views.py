@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from harness.core.errors import HarnessError
-from harness.pipeline.run.store import RunStore
+from harness.run.store import RunStore
 from reports.figures.view_curves import view_curves
 from reports.formats.markdown import to_markdown
 from reports.statistics import bootstrap_ends

@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from methods.normals.window import MULTIPLE
+from methods.normals.onnx_estimator import MULTIPLE
 from normal_training.learning.networks.folds import BLUR_PX, StrongerFolds
 from normal_training.learning.networks.network import CHANNELS, Answer, Averaged, NormalNetwork
 from normal_training.learning.settings import LARGER

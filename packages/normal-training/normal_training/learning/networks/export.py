@@ -18,7 +18,7 @@ from torch import nn
 from harness.core.errors import MethodError
 from harness.core.files.atomic import atomic_path
 from harness.core.missing import not_installed
-from methods.normals.window import MULTIPLE
+from methods.normals.onnx_estimator import MULTIPLE
 from normal_training.learning.networks.network import Answer
 from normal_training.learning.networks.starting import HALF
 from normal_training.learning.networks.transposed import with_plain_convolutions

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from methods.normals.window import MULTIPLE
+from methods.normals.onnx_estimator import MULTIPLE
 from normal_training.learning.networks.folds import StrongerFolds
 
 #: Image, mask, body front and back.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats
-from harness.core.cameras.camera import Camera
+from harness.core.camera import Camera
 from harness.geometry.images import srgb_from_linear
 
 LAMPS = 2

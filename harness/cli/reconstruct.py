@@ -1,0 +1,135 @@
+"""``harness reconstruct``: a mesh, a body and a sheet of a person in photos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.display import print_json, shown_progress
+from harness.cli.options import (
+    Json,
+    ManifestPath,
+    MethodsToRun,
+    Seed,
+    Set,
+    Timeout,
+    WorkspacePath,
+    limit_s,
+    parsed_settings,
+    split_names,
+)  # fmt: skip
+from harness.cli.verb_list import verb_group
+from harness.core.typed_json import to_json
+from harness.data.manifest import load_manifest
+from harness.photos.one_photo import ASSUMED_HEIGHT_M
+from harness.photos.reconstruct import Assumptions, Reconstructed, ReconstructRequest, reconstruct
+from harness.run.added_methods import AddedMethods
+from harness.run.method_choice import chosen_methods
+from harness.run.workspace import Workspace
+
+app = verb_group("reconstruct")
+
+What = Annotated[
+    str,
+    typer.Argument(
+        metavar="CAPTURE",
+        help="Name of an imported capture, a folder with a capture.json, or one photo.",
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output", "-o", metavar="DIR", help="Folder for results. Default: the capture's name."
+    ),
+]
+Field = Annotated[
+    float | None,
+    typer.Option(
+        "--fov",
+        metavar="DEGREES",
+        help="Field of view of one photo, along its longer side. Default: as its file tells, "
+        "else 50.",
+    ),
+]
+Height = Annotated[
+    float | None,
+    typer.Option(
+        "--height",
+        metavar="METRES",
+        help="How high the person in one photo is. "
+        f"Default: {ASSUMED_HEIGHT_M:g}, which is assumed.",
+    ),
+]
+Mask = Annotated[
+    Path | None,
+    typer.Option("--mask", metavar="FILE", help="Mask of one photo, white on black."),
+]
+Name = Annotated[
+    str,
+    typer.Option(
+        "--name", metavar="NAME", help="Name of the capture that a photo or a folder becomes."
+    ),
+]
+
+
+@app.command()
+def reconstruct_photos(
+    what: What,
+    method: MethodsToRun,
+    output: Output = None,
+    field: Field = None,
+    height: Height = None,
+    mask: Mask = None,
+    name: Name = "",
+    settings: Set = None,
+    seed: Seed = 0,
+    timeout: Timeout = 3600.0,
+    workspace: WorkspacePath = None,
+    manifest: ManifestPath = None,
+    as_json: Json = False,
+) -> None:
+    """Reconstruct a person from photos.
+
+    Each method's folder gets the mesh with colours (PLY, GLB, OBJ), the fitted body, a sheet of
+    pictures and the figures. Of one photo, camera and size are assumed, and it is said what. The
+    exit code is 1 when a method failed.
+    """
+    place = Workspace.default(workspace)
+    added = AddedMethods.of(place)
+    request = ReconstructRequest(
+        what=what,
+        methods=chosen_methods(split_names(method), parsed_settings(settings), added=added),
+        output=output,
+        manifest=load_manifest(manifest),
+        workspace=place,
+        assumed=Assumptions(field, height, mask),
+        name=name,
+        seed=seed,
+        timeout_s=limit_s(timeout),
+    )
+    with shown_progress(quiet=as_json) as progress:
+        done = reconstruct(request, progress)
+    if as_json:
+        print_json(to_json(done))
+    else:
+        _show(done)
+    if not done.all_ok:
+        raise typer.Exit(1)
+
+
+def _show(done: Reconstructed) -> None:
+    for line in done.notes:
+        print(f"  {line}")
+    for line in done.warnings:
+        print(f"  warning: {line}")
+    for outcome in done.outcomes:
+        if outcome.result is None:
+            print(f"{outcome.method}: no mesh: {outcome.failure}")
+            continue
+        iou = outcome.result.silhouette_iou
+        print(
+            f"{outcome.method}: {outcome.result.folder} (silhouettes: IoU "
+            f"{sum(iou) / len(iou):.3f} in the mean, {min(iou):.3f} in the worst photo)"
+        )

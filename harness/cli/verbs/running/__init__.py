@@ -1,1 +1,0 @@
-"""Commands that make photos, meshes and numbers."""

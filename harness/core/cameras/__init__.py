@@ -1,1 +1,0 @@
-"""The camera, its rigs, and the conventions of other programs."""

@@ -1,1 +1,0 @@
-"""Mesh files: OBJ, PLY, GLB, OFF and STL, each read by one module of numpy."""

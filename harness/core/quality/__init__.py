@@ -1,1 +1,0 @@
-"""How good a reconstruction is where no scan tells."""

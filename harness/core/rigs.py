@@ -1,0 +1,129 @@
+"""Where cameras stand, and how photos are taken."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from harness.core.camera import Camera, look_at
+from harness.core.errors import DataError
+
+
+def focal_length_px(lens_mm: float, sensor_mm: float, width: int, height: int) -> float:
+    """Focal length in pixels of a lens whose sensor is fitted to the image's longer side."""
+    return lens_mm / sensor_mm * max(width, height)
+
+
+def camera_yaw_deg(camera: Camera) -> float:
+    """The yaw of a camera's position, degrees in [0, 360): 0 at +Z, growing towards +X.
+
+    It is rounded to a millionth of a degree, so that rounding noise does not reorder cameras.
+    """
+    x, _, z = camera.position
+    return round(math.degrees(math.atan2(x, z)), 6) % 360
+
+
+def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> tuple[int, ...]:
+    """The numbers of all views, the frontal one first, then by yaw towards the subject's left.
+
+    The frontal view is the one nearest to the direction that the subject faces, by default +Z.
+    Among eight evenly spaced views, the third is then the left side and the fifth is the back,
+    whatever numbers the rig gives them.
+    """
+    yaws_deg = [round(camera_yaw_deg(camera) - front_yaw_deg, 6) % 360 for camera in cameras]
+    front_deg = min(yaws_deg, key=lambda yaw_deg: min(yaw_deg, 360 - yaw_deg), default=0.0)
+    return tuple(
+        sorted(range(len(yaws_deg)), key=lambda view: round(yaws_deg[view] - front_deg, 6) % 360)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RingRig:
+    """Cameras evenly spaced on a circle around the origin, all at one pitch.
+
+    Yaw is 0 in front of the subject (on +Z) and grows towards its left (+X). By default view 0 is
+    frontal: with eight views, our ``ring8``, number 2 is on +X and number 4 is the back. The
+    published file numbers the same eight places starting at +X, with number 6 in front.
+
+    Attributes:
+        views: Number of cameras.
+        radius_m: Distance of every camera from the origin, metres.
+        pitch_deg: How far the cameras are lifted above the horizon, degrees; they keep looking at
+            the origin.
+        lens_mm: Focal length, millimetres.
+        sensor_mm: Sensor length along the image's longer side, millimetres.
+        first_yaw_deg: Yaw of view 0, degrees.
+    """
+
+    views: int = 8
+    radius_m: float = 3.0
+    pitch_deg: float = 0.0
+    lens_mm: float = 50.0
+    sensor_mm: float = 36.0
+    first_yaw_deg: float = 0.0
+
+    def cameras(self, width: int, height: int) -> tuple[Camera, ...]:
+        """The rig's cameras for images of ``width`` x ``height`` pixels, by number."""
+        focal = focal_length_px(self.lens_mm, self.sensor_mm, width, height)
+        K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+        pitch = math.radians(self.pitch_deg)
+        cameras: list[Camera] = []
+        for view in range(self.views):
+            yaw = math.radians(self.first_yaw_deg) + 2 * math.pi * view / self.views
+            direction = np.array(
+                [
+                    math.cos(pitch) * math.sin(yaw),
+                    math.sin(pitch),
+                    math.cos(pitch) * math.cos(yaw),
+                ]
+            )
+            extrinsic = look_at(self.radius_m * direction, np.zeros(3))
+            cameras.append(Camera(K=K, world_to_camera=extrinsic, width=width, height=height))
+        return tuple(cameras)
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoFaults:
+    """How photos and cameras differ from exact ones. Masks stay exact.
+
+    Attributes:
+        noise: Standard deviation of the sensor's noise at middle grey, in levels of 255; shot noise
+            grows with the square root of the light.
+        blur_px: Standard deviation of the lens' blur, pixels.
+        exposure_stops: Standard deviation of the exposure from view to view, in stops.
+        jpeg_quality: Quality of the compression, 1 to 100 as Pillow counts; 0 does not compress.
+        calibration_px: Root mean square of the re-projection error over the subject's box, of the
+            cameras that methods are given; the photos are taken with the exact ones.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+    noise: float = 0.0
+    blur_px: float = 0.0
+    exposure_stops: float = 0.0
+    jpeg_quality: int = 0
+    calibration_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "noise": 50.0,
+            "blur_px": 20.0,
+            "exposure_stops": 3.0,
+            "jpeg_quality": 100.0,
+            "calibration_px": 50.0,
+        }
+        for name, most in ranges.items():
+            if not 0 <= getattr(self, name) <= most:
+                raise DataError(
+                    f"photos cannot be taken with {name} {getattr(self, name)}",
+                    expected=f"0 to {most:g}",
+                )
+
+    @property
+    def changes_pictures(self) -> bool:
+        """Whether the pictures differ from exact ones."""
+        return any((self.noise, self.blur_px, self.exposure_stops, self.jpeg_quality))

@@ -1,1 +1,0 @@
-"""Photos and camera files of other programs: read as they are, and written for them."""

@@ -1,0 +1,1 @@
+"""Photos of people without a scan: import, align, reconstruct, export."""

@@ -1,1 +1,0 @@
-"""The run: matrix, records, resume, regression check, doctor."""

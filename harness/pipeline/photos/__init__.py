@@ -1,1 +1,0 @@
-"""What people do with imported photos: reconstruct, look, hand on to other programs."""

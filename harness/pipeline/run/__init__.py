@@ -1,1 +1,0 @@
-"""The run matrix: plan, worker processes, records, cost."""

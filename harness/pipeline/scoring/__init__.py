@@ -1,1 +1,0 @@
-"""The numbers of one result: meshes, bodies and normal maps against the truth."""

@@ -1,1 +1,0 @@
-"""What work costs, and work that is made once for several methods."""

@@ -1,0 +1,1 @@
+"""Runs: plan, cells, workers, records, stores, executors."""

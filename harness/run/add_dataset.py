@@ -1,0 +1,344 @@
+"""A folder of scans or captures becomes a dataset: found, converted, checked, written down."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from harness.core.artifacts import Capture, image_name
+from harness.core.errors import DataError, HarnessError
+from harness.core.files.atomic import atomic_directory, atomic_path, exclusive_lock, write_json
+from harness.core.files.names import checked_name
+from harness.core.units import UNITS_RULE
+from harness.data.converted_scans import Conversion, convert_scan, is_converted, told_of
+from harness.data.layouts import FoundFolder, Layout, find_layout
+from harness.data.manifest import Dataset, Manifest, installed_manifest_path, load_manifest
+from harness.data.manifest_text import check_addable, with_dataset
+from harness.data.stature import stature
+from harness.data.subjects import load_subject
+from harness.files.mtl import materials_of
+from harness.geometry.images import load_rgb
+from harness.geometry.occlusion import hidden_share
+from harness.run.progress import Progress
+from harness.run.scan_rules import (
+    UNSTATED_LICENCE,
+    Added,
+    AddRequest,
+    CheckedSubject,
+    Rules,
+    rules_of,
+)
+from harness.run.sources import IMPORTED, imported_state
+
+#: The same cameras for other programs; written with every capture.
+_CAMERAS = "transforms.json"
+
+
+def copied_capture(source: Path, request: AddRequest, subject: str) -> str:
+    """Copy a capture to where those of a dataset lie, unless it is there; what it is, in words.
+
+    Raises:
+        DataError: it is damaged, or other photos are there and are not to be replaced.
+    """
+    capture = Capture.load(source)
+    if damage := capture.damage():
+        raise DataError(f"{source} cannot be used: {damage}")
+    directory = request.workspace.capture(request.name, subject, IMPORTED)
+    note = f"{len(capture.cameras)} photos, as recipe '{capture.recipe}'"
+    if imported_state(directory)[0] == "cached" and Capture.load(directory).key == capture.key:
+        return note
+    if directory.exists() and not request.replace:
+        raise DataError(f"{directory} holds other photos", hint="Add --replace to replace them")
+    own = replace(capture, dataset=request.name, subject=subject, recipe=IMPORTED)
+    with atomic_directory(directory) as folder:
+        for name in [*map(image_name, range(len(capture.cameras))), _CAMERAS]:
+            if (source / name).is_file():
+                (folder / name).parent.mkdir(exist_ok=True)
+                shutil.copyfile(source / name, folder / name)
+        write_json(folder / "capture.json", own.to_dict())
+    return note
+
+
+def manifest_to_write(named: Path | None) -> Path:
+    """The named manifest, the one of ``HARNESS_MANIFEST``, or that of the current folder.
+
+    Never the installed one: it may not exist yet.
+    """
+    path = named or Path(os.environ.get("HARNESS_MANIFEST") or "data_manifest.yaml")
+    return path.resolve()
+
+
+def check_name(path: Path, name: str, *, replace: bool) -> None:
+    """Refuse a dataset's name that ``write_entry`` would refuse, before anything is done.
+
+    Raises:
+        HarnessError: a split or another dataset has the name.
+        DataError: the manifest is not valid as it is.
+    """
+    manifest = load_manifest(_source(path))
+    if name in manifest.splits:
+        raise HarnessError(
+            f"'{name}' is the name of a split in {manifest.path}", hint="Choose another name"
+        )
+    check_addable(_text(manifest.path), name, replace=replace)
+
+
+def write_entry(path: Path, name: str, dataset: Dataset, *, replace: bool) -> bool:
+    """Write a manifest with one more dataset; whether the file is new.
+
+    A file that is not there begins as a copy of the installed manifest. Of two commands at once,
+    the second adds to what the first wrote.
+
+    Raises:
+        HarnessError: the name is taken.
+        DataError: the manifest would not be valid, or cannot be written.
+    """
+    with exclusive_lock(path.parent / f".{path.name}.lock"):
+        check_name(path, name, replace=replace)
+        created = not path.is_file()
+        text = with_dataset(_text(_source(path)), name, dataset, replace=replace)
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(text.encode())
+            _check_reads_back(temporary, path, name, dataset)
+    return created
+
+
+def _source(path: Path) -> Path:
+    return path if path.is_file() else installed_manifest_path()
+
+
+def _text(path: Path) -> str:
+    # Bytes, because reading as text would make other line ends of those that are there.
+    return path.read_bytes().decode("utf-8")
+
+
+def _check_reads_back(temporary: Path, path: Path, name: str, dataset: Dataset) -> None:
+    try:
+        found = Manifest(temporary).datasets.get(name)
+    except HarnessError as error:
+        what = str(error).replace(str(temporary), path.name)
+        raise DataError(f"{path} would not be valid with '{name}', and was left as it is",
+                        got=what) from error  # fmt: skip
+    if found != dataset:
+        raise DataError(
+            f"the entry '{name}' would not be read back as it is meant, and was not written",
+            expected=repr(dataset),
+            got=repr(found),
+        )
+
+
+#: A person whose height is less than this share of the longest side probably lies.
+_LYING = 0.6
+#: Folds of clothes hide less than this share of a scan's area.
+_LAYERED = 0.1
+
+
+def add_dataset(request: AddRequest, progress: Progress) -> Added:
+    """Add a dataset to the manifest, if all its subjects are sound.
+
+    Scans in a tree as THuman's are read where they lie; others are converted, and captures copied,
+    into the workspace. What a command that was stopped had done is kept.
+
+    Raises:
+        HarnessError: the name is taken, or an option is missing or at odds with the folder.
+        DataError: the folder has no known layout, or more than one.
+    """
+    checked_name("dataset", request.name)
+    manifest = manifest_to_write(request.manifest)
+    check_name(manifest, request.name, replace=request.replace)
+    found = find_layout(request.folder).only(request.subjects)
+    added = _captures if found.layout is Layout.captures else _scans
+    dataset, checked, words = added(found, request, progress)
+    sound = tuple(each.subject for each in checked if not each.failure)
+    is_complete = len(sound) == len(checked) or request.skip_bad
+    written = bool(sound) and is_complete
+    created = written and write_entry(
+        manifest, request.name, _only(dataset, sound), replace=request.replace
+    )
+    return Added(
+        request.name, found.layout.value, dataset.kind, dataset.root, words, checked, manifest,
+        created, written,
+    )  # fmt: skip
+
+
+Found = tuple[Dataset, tuple[CheckedSubject, ...], str]
+
+
+def _scans(found: FoundFolder, request: AddRequest, progress: Progress) -> Found:
+    rules = rules_of(found, request)
+    if rules.conversion is None:
+        dataset = _dataset(request, rules, found, _root(found.root, request))
+        return (
+            dataset,
+            _each(found, progress, _Check(request.name, dataset, found.root)),
+            rules.words,
+        )
+    place = request.workspace.root / "data" / request.name
+    _check_apart(found.root, place)
+    dataset = _dataset(request, rules, found, f"data/{request.name}")
+    convert = _Convert(
+        _Check(request.name, dataset, place), place / "model", found.subjects, rules.conversion
+    )
+    with _held(place):
+        return dataset, _each(found, progress, convert), rules.words
+
+
+def _captures(found: FoundFolder, request: AddRequest, progress: Progress) -> Found:
+    options = ("scale", "facing", "up", "grey", "copy", "drop_hidden")
+    given = [f"--{name.replace('_', '-')}" for name in options if getattr(request, name)]
+    if given:
+        raise HarnessError(
+            f"captures have a world of their own and take no {', '.join(given)}",
+            hint="Leave these options out",
+        )
+    place = request.workspace.root / "captures" / request.name
+    _check_apart(found.root, place)
+
+    def check(subject: str) -> CheckedSubject:
+        note = copied_capture(found.subjects[subject], request, subject)
+        return CheckedSubject(subject, note)
+
+    dataset = Dataset(
+        title=request.title or request.name,
+        kind="captures",
+        licence=request.licence or UNSTATED_LICENCE,
+        root=f"captures/{request.name}",
+        scale="metres",
+        facing="+z",
+    )
+    with _held(place):
+        return dataset, _each(found, progress, check), "copied"
+
+
+def _each(
+    found: FoundFolder, progress: Progress, check: Callable[[str], CheckedSubject]
+) -> tuple[CheckedSubject, ...]:
+    """Every subject's check; one that fails does not stop the others."""
+    progress.expect("subjects", len(found.subjects))
+    checked: list[CheckedSubject] = []
+    for subject in found.subjects:
+        try:
+            checked.append(check(subject))
+        except HarnessError as error:
+            checked.append(CheckedSubject(subject, failure=str(error)))
+        progress.done("subjects")
+    return tuple(checked)
+
+
+@dataclass(frozen=True, slots=True)
+class _Check:
+    """Loads a subject as everything else will."""
+
+    name: str
+    dataset: Dataset
+    root: Path
+
+    def __call__(self, subject: str) -> CheckedSubject:
+        try:
+            scan, mesh = load_subject(self.name, self.dataset, self.root, subject)
+        except DataError as error:
+            # Its hints are about an entry that is in the manifest already.
+            hint = "Give another --scale" if " m high " in error.what else ""
+            raise DataError(
+                error.what, expected=error.expected, got=error.got, hint=hint
+            ) from error
+        assert mesh.texture is not None
+        rows, columns = load_rgb(mesh.texture).shape[:2]
+        size, hidden = stature(mesh), hidden_share(mesh)
+        unit = "units" if self.dataset.scale == UNITS_RULE else "m"
+        note = (
+            f"{size.extent[1]:.2f} {unit} high, {len(mesh.faces)} faces, "
+            f"texture {columns} x {rows}, {hidden:.0%} hidden"
+        )
+        told = [*scan.warnings, *size.told, *_lies(size.extent.tolist()), *_hides(hidden)]
+        told += [
+            f"no material file defines '{name}', which faces name"
+            for name in materials_of(scan.mesh_path).undefined
+        ]
+        return CheckedSubject(subject, note, tuple(told))
+
+
+def _lies(sides: list[float]) -> tuple[str, ...]:
+    if sides[1] >= _LYING * max(sides):
+        return ()
+    shown = " x ".join(f"{side:.2f}" for side in sides)
+    return (f"measures {shown}, so that it may lie: is --up right?",)
+
+
+def _hides(share: float) -> tuple[str, ...]:
+    if share < _LAYERED:
+        return ()
+    return (
+        f"no ray from outside reaches {share:.0%} of its area, as of a body under its clothes: it "
+        "counts against surfaces that are right outside. --drop-hidden leaves it out of the truth",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Convert:
+    """Converts a subject unless that was done, then checks it."""
+
+    check: _Check
+    place: Path
+    sources: Mapping[str, Path]
+    conversion: Conversion
+
+    def __call__(self, subject: str) -> CheckedSubject:
+        source, directory = self.sources[subject], self.place / subject
+        if not is_converted(source, self.conversion, directory):
+            convert_scan(source, self.conversion, directory)
+        checked = self.check(subject)
+        return replace(checked, warnings=(*told_of(directory), *checked.warnings))
+
+
+def _dataset(request: AddRequest, rules: Rules, found: FoundFolder, root: str) -> Dataset:
+    return Dataset(
+        title=request.title or request.name,
+        kind=rules.kind,
+        licence=request.licence or UNSTATED_LICENCE,
+        root=root,
+        scale=rules.scale,
+        facing=rules.facing,
+        hidden=rules.hidden,
+        subjects=tuple(found.subjects),
+    )
+
+
+def _only(dataset: Dataset, subjects: tuple[str, ...]) -> Dataset:
+    """The same dataset with some of its subjects; that of captures lists none."""
+    if dataset.kind == "captures":
+        return dataset
+    facing = dataset.facing
+    if isinstance(facing, dict):
+        facing = {subject: facing[subject] for subject in subjects}
+    return dataset.model_copy(update={"subjects": subjects, "facing": facing})
+
+
+def _root(folder: Path, request: AddRequest) -> str:
+    """The folder as the manifest has it: relative to the workspace if it lies there."""
+    if "${" in str(folder):
+        raise HarnessError(
+            f"{folder} has '${{' in its name, which a manifest reads as a variable",
+            hint="Rename the folder",
+        )
+    if folder.is_relative_to(request.workspace.root):
+        return str(folder.relative_to(request.workspace.root))
+    return str(folder)
+
+
+def _check_apart(folder: Path, place: Path) -> None:
+    """Refuse to write into what is read."""
+    if folder.is_relative_to(place) or place.is_relative_to(folder):
+        raise HarnessError(
+            f"{folder} and {place}, where the dataset is kept, lie one inside the other",
+            hint="Move the folder elsewhere, or choose another name or --workspace",
+        )
+
+
+def _held(place: Path) -> AbstractContextManager[None]:
+    """A lock, so that two commands do not write the same dataset at once."""
+    return exclusive_lock(place.parent / f".{place.name}.lock")

@@ -1,0 +1,217 @@
+"""Runs in a child process: one method on one subject, scored, with what it cost.
+
+The job says what the record will be filed under, and the result says whether photos, scan and code
+were the same from the beginning to the end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from harness.core.artifacts import Capture, Reconstruction, Scan
+from harness.core.errors import HarnessError, Killed, MethodError, MissingPart, WriteError
+from harness.core.files.hashing import file_sha256
+from harness.core.process.shared_work import Sharing, alone
+from harness.core.process.source_digest import listed_differences
+from harness.core.process.threads import StepReport
+from harness.core.process.workers import worker_main
+from harness.core.protocols import Context, MethodInfo, Privilege
+from harness.core.records import Scores
+from harness.core.settings import MetricProtocol
+from harness.files.mesh_files import save_mesh
+from harness.run.cell import Truth, lent_to, scores_of, seed_for
+from harness.run.cell_job import CellJob, CellResult
+from harness.run.cost import StageMeter
+from harness.run.method_choice import ChosenMethod
+from harness.run.publication import BODY_FILE, MESH_FILE, NORMALS_FILE, save_body, save_normals
+from harness.run.record_inputs import Inputs, environment, evaluated
+from harness.run.shared_results import SharedResults
+from harness.run.view_choice import views_for
+
+#: What only a scan can lend.
+_OF_THE_SCAN = (Privilege.GROUND_TRUTH_MESH, Privilege.SUBJECT_CENTRE, Privilege.ORACLE_NORMALS)
+
+
+def handle(job: CellJob, report: StepReport) -> CellResult:  # noqa: ARG001
+    """Reconstruct and score; a ``CellResult`` with the method's own failures in it.
+
+    Raises:
+        HarnessError: photos or scan cannot be read, or results cannot be written.
+    """
+    # Before anything else: the commit is that of the code which is about to be imported.
+    made_with = environment()
+    source = job.source
+    method = job.method.found(source.workspace)
+    task = _Task(job, method, source.manifest.protocol(job.protocol))
+    before = task.stamp()
+    if changed := task.changed():
+        return CellResult("changed", changed)
+    result = task.carried_out()
+    changed = task.changed() or ("" if task.stamp() == before else "the photos were made anew")
+    if changed:
+        return CellResult("changed", changed)
+    return replace(result, environment=made_with)
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """A job, with what has to be asked of it more than once."""
+
+    job: CellJob
+    method: ChosenMethod
+    protocol: MetricProtocol
+
+    @property
+    def _capture_directory(self) -> Path:
+        return self.job.source.capture_directory(self.job.subject)
+
+    def _capture(self) -> Capture:
+        return Capture.load(self._capture_directory)
+
+    def stamp(self) -> tuple[int, int]:
+        """Differs after photos have been put in place again, even if they are the same."""
+        found = (self._capture_directory / "capture.json").stat()
+        return found.st_ino, found.st_mtime_ns
+
+    def changed(self) -> str:
+        """What is not as planned now, in words; empty while all is."""
+        try:
+            capture = self._capture()
+            damage = capture.damage()
+            now = self._inputs(capture, self.job.source.scan_of(self.job.subject))
+        except (HarnessError, OSError) as error:
+            return str(error)
+        planned = self.job.inputs
+        if now.key == planned.key:
+            return damage
+        found = listed_differences(planned.to_dict(), now.to_dict())
+        return f"changed since it was planned: {found}"
+
+    def _inputs(self, capture: Capture, scan: Scan | None) -> Inputs:
+        method, seed = self.method, self.job.seed
+        return evaluated(method.info, method.module, capture, scan, self.protocol, seed)
+
+    def carried_out(self) -> CellResult:
+        """The method's result, written, and scored where there is a scan.
+
+        Raises:
+            HarnessError: photos or scan cannot be read, or results cannot be written.
+        """
+        source, meter = self.job.source, StageMeter()
+        truth = None if source.is_imported else Truth.read(*source.load(self.job.subject))
+        scores = Scores()
+        try:
+            share = self._sharing(meter)
+            capture = self._capture()
+            chosen = views_for(self.method.info, capture)
+            result = self._reconstruction(chosen.capture, truth, meter, share)
+            self._require_planned_scoring(result)
+            if truth is not None:
+                # Scoring is no cost of the method's.
+                others = self._sharing(StageMeter())
+                # On all photos, whichever of them the method was given.
+                every = capture.from_front()
+                scores = scores_of(result, every, truth, self.protocol, others)
+        except MissingPart as error:
+            return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
+        except (Killed, WriteError) as error:
+            # Neither says anything of the method.
+            return CellResult("failed", str(error), by_method=False, stages=tuple(meter.stages))
+        except HarnessError as error:
+            return CellResult("failed", str(error), stages=tuple(meter.stages))
+        return CellResult(
+            "ok",
+            scores=scores,
+            stages=tuple(meter.stages),
+            shared_work=_taken_over(share),
+            details={**result.details, **chosen.details},
+            files=self._written(result),
+        )
+
+    def _sharing(self, meter: StageMeter) -> Sharing:
+        folder = self.job.source.workspace.shared
+        if not self.job.share:
+            return alone
+        return SharedResults(folder, meter, is_current=lambda: not self.changed())
+
+    def _reconstruction(
+        self, capture: Capture, truth: Truth | None, meter: StageMeter, share: Sharing
+    ) -> Reconstruction:
+        info = self.method.info
+        lent = _nothing_lent(info) if truth is None else lent_to(info, capture, truth.mesh)
+        with self._workdir() as workdir:
+            context = Context(
+                seed=seed_for(self.job.seed, self.job.method.name, self.job.subject),
+                workdir=workdir,
+                stage=meter.stage,
+                privileged=lent,
+                keep=self.job.keep,
+                share=share,
+            )
+            return self.method.method.reconstruct(capture, context)
+
+    @contextlib.contextmanager
+    def _workdir(self) -> Iterator[Path]:
+        """A fresh folder for intermediate results: one that stays, or one that goes away."""
+        if self.job.keep:
+            workdir = self.job.folder / "work"
+            workdir.mkdir(parents=True)
+            yield workdir
+        else:
+            with tempfile.TemporaryDirectory(prefix="harness-work-") as name:
+                yield Path(name)
+
+    def _require_planned_scoring(self, result: Reconstruction) -> None:
+        """Refuse results whose scoring code the record's key does not count."""
+        planned = self.job.inputs
+        uncounted: list[str] = []
+        if result.body and not planned.counts_body_scoring:
+            uncounted.append("a body")
+        if result.normals and not planned.counts_normal_scoring:
+            uncounted.append("normal maps")
+        if uncounted:
+            raise MethodError(
+                f"the method returned {' and '.join(uncounted)}, which its code does not name",
+                expected="'Body' or 'NormalMaps', imported by name from harness.core.artifacts",
+                hint="Import the name in the method's own module",
+            )
+
+    def _written(self, result: Reconstruction) -> dict[str, str]:
+        """The sha256 of the results' files, by name."""
+        folder = self.job.folder
+        save_mesh(folder / MESH_FILE, result.mesh)
+        if result.body:
+            save_body(folder / BODY_FILE, result.body)
+        if result.normals:
+            save_normals(folder / NORMALS_FILE, result.normals)
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+        return {path.name: file_sha256(path) for path in files}
+
+
+def _taken_over(share: Sharing) -> tuple[str, ...]:
+    """Which work was taken over, each kind once."""
+    return tuple(dict.fromkeys(share.taken)) if isinstance(share, SharedResults) else ()
+
+
+def _nothing_lent(method: MethodInfo) -> dict[str, object]:
+    """What a method is lent where there is no scan: nothing.
+
+    Raises:
+        MethodError: it cannot do without.
+    """
+    needed = [privilege.label for privilege in method.privileges if privilege in _OF_THE_SCAN]
+    if needed:
+        raise MethodError(
+            f"method '{method.name}' is given the {' and '.join(needed)} of a scan",
+            got="imported photos, which have no scan",
+            hint="Run a method that sees photos alone",
+        )
+    return {}
+
+
+if __name__ == "__main__":
+    worker_main(handle)

@@ -1,0 +1,289 @@
+"""``harness eval``: render what is missing, reconstruct, score, file records; resume by default.
+
+Every step runs in its own child process and every record is written whole, so that a run that is
+killed at any moment is continued by the same command. A failed subject is a record with its reason,
+unless there is a good record and the failure is not the method's: then that record stays.
+
+Before: ``metrics/distance.py``. After: ``reports/formats/latex.py``.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+
+from harness.core.artifacts import Capture
+from harness.core.errors import HarnessError, MissingPart, error_values
+from harness.core.files.names import named_from
+from harness.core.process.workers import WorkerDied, run_worker
+from harness.core.records import CaptureStamp, ProtocolStamp, Record
+from harness.core.typed_json import from_json
+from harness.run.captures import PHOTOS, photograph, require_avatars
+from harness.run.cell_job import CellJob, CellResult
+from harness.run.method_choice import ChosenMethod
+from harness.run.plan import Cell, EvalRequest, SubjectFiles, plan
+from harness.run.progress import Progress
+from harness.run.publication import Attempt
+from harness.run.record_inputs import environment, utc_now
+from harness.run.sealed import Look, admit
+from harness.run.store import Outcome
+from harness.run.task import Local, machine_facts
+from harness.run.tasks import CELLS, KnownFiles, MachineShare, RunOfTasks
+
+_WORKER = "harness.run.cell_worker"
+#: How often a cell is planned again because photos, scan or code changed under it.
+_ATTEMPTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class EvalSummary:
+    """How a run ended.
+
+    Attributes:
+        outcomes: All cells of the request, by subject and method.
+        machines: Which machine did what.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    machines: tuple[MachineShare, ...] = ()
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """All records of the request."""
+        return tuple(outcome.record for outcome in self.outcomes)
+
+    @property
+    def cached(self) -> int:
+        """How many records were there before, and are current."""
+        return sum(outcome.cached for outcome in self.outcomes)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Number of cells by status; ``stale`` are good records that could not be made again."""
+        return Counter(outcome.status for outcome in self.outcomes)
+
+    @property
+    def all_ok(self) -> bool:
+        """Whether every record is good and current."""
+        return all(outcome.status == "ok" for outcome in self.outcomes)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values."""
+        return {
+            "counts": dict(self.counts),
+            "cached": self.cached,
+            "machines": [asdict(machine) for machine in self.machines],
+            "records": [record.to_dict() for record in self.records],
+            "stale": [
+                {
+                    "method": kept.record.method_name,
+                    "subject": kept.record.subject,
+                    "why": kept.kept,
+                }
+                for kept in self.outcomes
+                if kept.kept
+            ],
+        }
+
+
+def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
+    """Carry a request out and return all its records.
+
+    Raises:
+        HarnessError: the request itself is wrong (no dataset, or sealed subjects and no reason);
+            what goes wrong with one subject is a record instead.
+        Interrupted: the run was stopped; cells that were not finished have no new record.
+    """
+    source = request.source
+    source.root()
+    require_avatars(source, request.executor)
+    methods = tuple(method.row for method in request.methods)
+    look = Look(
+        "evaluation", source.name, source.subjects, request.reason, methods, source.recipe_name
+    )
+    admit(source.manifest, source.workspace, look, progress)
+    request.store.begin()
+    cells = plan(request)
+    waiting = {cell.subject for cell in cells if cell.files is None}
+    progress.expect(PHOTOS, len(waiting) * source.views_to_render)
+    progress.expect(CELLS, len(cells))
+    run = RunOfTasks(request, progress, CellRun(request).given_up)
+    tasks = run.tasks_for(cells)
+    # Of a large run, what was planned is more than what has to be kept in memory.
+    del cells
+    executor = request.executor or Local(request.jobs)
+    executor.carry_out(tasks, progress, run.answered)
+    return EvalSummary(run.outcomes(), run.machines())
+
+
+@dataclass(frozen=True, slots=True)
+class CellRun:
+    """A request that is being carried out, on this machine.
+
+    Attributes:
+        request: What was asked for.
+        known: What was found of the subjects that were looked at last.
+    """
+
+    request: EvalRequest
+    known: KnownFiles = field(default_factory=KnownFiles)
+
+    def photos(self, subject: str, progress: Progress) -> dict[str, object]:
+        """A subject's photos are there, with their ``warnings``; or the ``error`` says why not."""
+        files = self._files(subject, progress)
+        if isinstance(files, HarnessError):
+            return {"error": error_values(files)}
+        return {"warnings": list(files.capture.warnings)}
+
+    def carried_out(self, row: str, subject: str, progress: Progress) -> dict[str, object]:
+        """Reconstruct, score and file a cell, unless its record is current.
+
+        Returns:
+            ``cached``, ``kept`` and ``line`` of its ``Outcome``; the line is empty where it is ok.
+        """
+        files = self.known.get(subject) or self._files(subject, progress)
+        with self.request.store.cell(row, subject).locked():
+            # Planned under the lock: another run may have filed the record meanwhile.
+            outcome = self._outcome(self._method(row), files, progress, subject)
+        return _answer(outcome)
+
+    def given_up(self, row: str, subject: str, reason: str) -> dict[str, object]:
+        """File the failure of a cell that no machine gave an answer about.
+
+        A record that is current or good stays. Returns as ``carried_out``.
+        """
+        alone = replace(
+            self.request, source=self.request.source.only(subject), methods=(self._method(row),)
+        )
+        with self.request.store.cell(row, subject).locked():
+            (cell,) = plan(alone)
+            if cell.record is not None:
+                return _answer(Outcome(cell.record, cached=True))
+            failure = CellResult("failed", reason, by_method=False)
+            return _answer(self._filed(cell, failure, cell.folder.new_attempt()))
+
+    def _method(self, row: str) -> ChosenMethod:
+        return next(method for method in self.request.methods if method.row == row)
+
+    def _files(self, subject: str, progress: Progress) -> SubjectFiles | HarnessError:
+        """Photos, made if need be, and scan; or why they are not there."""
+        source = self.request.source
+        files: SubjectFiles | HarnessError
+        try:
+            capture = photograph(source, subject, progress, self.request.timeout_s)
+            files = SubjectFiles(capture, source.scan_of(subject))
+        except HarnessError as error:
+            files = error
+        self.known.put(subject, files)
+        return files
+
+    def _outcome(
+        self,
+        method: ChosenMethod,
+        files: SubjectFiles | HarnessError,
+        progress: Progress,
+        subject: str,
+    ) -> Outcome:
+        """The record of a cell as it is, or the outcome of reconstructing."""
+        cell, reason = self.request.waiting_cell(method, subject, ""), ""
+        for _ in range(_ATTEMPTS):
+            if isinstance(files, HarnessError):
+                waiting = self.request.waiting_cell(method, subject, str(files))
+                failure = _failure(files, by_method=False)
+                return self._filed(waiting, failure, waiting.folder.new_attempt())
+            cell = self.request.cell(method, files)
+            if cell.record is not None:
+                return Outcome(cell.record, cached=True)
+            attempt = cell.folder.new_attempt()
+            result = self._result(cell, attempt)
+            if result.status != "changed":
+                return self._filed(cell, result, attempt)
+            reason = result.reason
+            progress.say(f"{method.row} on {subject} is planned again: {reason}")
+            files = self._files(subject, progress)
+        given_up = CellResult("failed", f"after {_ATTEMPTS} attempts, {reason}", by_method=False)
+        # Which photos the last attempt saw is not known.
+        return self._filed(replace(cell, files=None), given_up, cell.folder.new_attempt())
+
+    def _result(self, cell: Cell, attempt: Attempt) -> CellResult:
+        """What a worker made of a planned cell."""
+        assert cell.inputs is not None
+        request = self.request
+        job = CellJob(
+            source=request.source.only(cell.subject),
+            method=cell.method.ref,
+            protocol=request.protocol.name,
+            seed=request.seed,
+            inputs=cell.inputs,
+            folder=attempt.results,
+            keep=request.keep,
+            share=request.share,
+        )
+        try:
+            values = run_worker(_WORKER, job, log=attempt.log, timeout_s=request.timeout_s)
+        except WorkerDied as error:
+            # Memory may have run out because of others, and a person may have killed it.
+            return _failure(error, by_method=error.by_signal != signal.SIGKILL)
+        except HarnessError as error:
+            return _failure(error, by_method=False)
+        return from_json(CellResult, values, "the worker's answer", "a cell's result")
+
+    def _filed(self, cell: Cell, result: CellResult, attempt: Attempt) -> Outcome:
+        record = _record(self.request, cell, result)
+        return cell.folder.file(record, attempt, own_failure=result.by_method)
+
+
+def _answer(outcome: Outcome) -> dict[str, object]:
+    line = "" if outcome.status == "ok" else outcome.line
+    return {"cached": outcome.cached, "kept": outcome.kept, "line": line}
+
+
+def _failure(error: HarnessError, *, by_method: bool) -> CellResult:
+    status = "missing" if isinstance(error, MissingPart) else "failed"
+    return CellResult(status, str(error), by_method=by_method)
+
+
+def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
+    assert result.status != "changed"
+    capture = cell.files.capture if cell.files else None
+    source = request.source
+
+    def told(message: str) -> str:
+        return named_from(source.workspace.within(message), source.root().parent)
+
+    return Record(
+        key=cell.key,
+        method=cell.info,
+        dataset=request.source.name,
+        subject=cell.subject,
+        recipe=request.source.recipe_name,
+        protocol=ProtocolStamp.of(request.protocol),
+        capture=_stamp(capture) if capture else CaptureStamp(),
+        seed=request.seed,
+        status=result.status,
+        reason=told(result.reason),
+        metrics=result.scores.metrics,
+        regions=result.scores.regions,
+        normal_maps=result.scores.normal_maps,
+        warnings=tuple(map(told, result.scores.warnings)),
+        diagnostics=result.scores.diagnostics,
+        stages=result.stages,
+        shared_work=result.shared_work,
+        details={**result.details, **_where(result)},
+        environment=result.environment or environment(),
+        created_utc=utc_now(),
+        scale_rule=request.source.scale_rule,
+        inputs=cell.inputs.to_dict() if cell.inputs else {},
+        files=result.files,
+    )
+
+
+def _where(result: CellResult) -> dict[str, object]:
+    """The machine that a method ran on; nothing where none was run."""
+    return {"machine": machine_facts().to_dict()} if result.environment else {}
+
+
+def _stamp(capture: Capture) -> CaptureStamp:
+    return CaptureStamp(capture.key, len(capture.cameras), capture.warnings)

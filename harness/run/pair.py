@@ -1,0 +1,179 @@
+"""Two meshes under one protocol or several: ``harness.score``, and ``harness score`` of a pair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.errors import HarnessError
+from harness.core.mesh import Mesh
+from harness.core.metric_catalog import METRICS
+from harness.core.records import MetricValue
+from harness.core.settings import MetricProtocol
+from harness.data.manifest import load_manifest
+from harness.files.mesh_files import load_mesh
+from metrics.score import Score, score_all
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairScores:
+    """What ``score`` found; ``print`` shows it as ``harness score`` does.
+
+    Attributes:
+        predicted: The file of the prediction, or what its mesh is called.
+        truth: That of the truth.
+        scores: By protocol.
+        failed: Why a protocol could not measure the two, where several were asked for.
+        notice: What a reader should know whatever the protocol.
+    """
+
+    predicted: str
+    truth: str
+    scores: Mapping[str, Score]
+    failed: Mapping[str, HarnessError]
+    notice: tuple[str, ...] = ()
+
+    @property
+    def single(self) -> Score:
+        """The score under the one protocol that was asked for.
+
+        Raises:
+            HarnessError: several were.
+        """
+        if self._several:
+            names = [*self.scores, *self.failed]
+            raise HarnessError(
+                "there are scores of several protocols",
+                got=", ".join(names),
+                hint=f"Take one: scores['{names[0]}']",
+            )
+        return next(iter(self.scores.values()))
+
+    @property
+    def metrics(self) -> Mapping[str, MetricValue]:
+        """The numbers by metric, each with its unit and standard error; of one protocol alone."""
+        return self.single.metrics
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should know of the numbers, each once."""
+        found = (warning for score in self.scores.values() for warning in score.warnings)
+        return tuple(dict.fromkeys([*found, *self.notice]))
+
+    @property
+    def _several(self) -> bool:
+        return len(self.scores) + len(self.failed) > 1
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values, as ``harness score --json`` prints them."""
+        about: dict[str, object] = {"predicted": self.predicted, "truth": self.truth}
+        if not self._several:
+            return {**self.single.to_dict(), **about, "warnings": list(self.warnings)}
+        return {
+            **about,
+            "warnings": list(self.notice),
+            "protocols": {name: score.to_dict() for name, score in self.scores.items()},
+            "failed": {name: str(error) for name, error in self.failed.items()},
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        lead = f"{self.predicted} against {self.truth}"
+        if self._several:
+            yield lead
+        for score in self.scores.values():
+            title = f"protocol {score.protocol.name} v{score.protocol.version}"
+            yield title if self._several else f"{lead}, {title}"
+            yield from _metric_lines(score)
+        for name, error in self.failed.items():
+            yield f"protocol {name}: {error}"
+        for warning in self.warnings:
+            yield f"  warning: {warning}"
+
+
+def score(
+    predicted: Mesh | str | Path,
+    truth: Mesh | str | Path,
+    protocol: MetricProtocol | str = "mexecon",
+    *,
+    keep_points: bool = False,
+    manifest: str | Path | None = None,
+) -> PairScores:
+    """The metrics of a mesh against the true surface; ``.metrics`` has them by name.
+
+    Both are in metres and in the world frame. Nothing is scaled or repaired, or aligned but where
+    a protocol says so.
+
+    Args:
+        predicted: A mesh, or its file.
+        truth: The true surface, or its file.
+        protocol: By name, from the manifest or of the field, such as ``exact``; several with
+            commas, or ``all``; or a protocol itself.
+        keep_points: Whether the errors are wanted point by point, under one protocol.
+        manifest: File that names protocols; by default the one that commands use.
+
+    Raises:
+        DataError: a mesh that cannot be read, or compared under any of the protocols.
+        HarnessError: an unknown protocol, or points under several.
+    """
+    rules = (
+        (protocol,)
+        if isinstance(protocol, MetricProtocol)
+        else load_manifest(manifest).protocols_of(protocol)
+    )
+    if keep_points and len(rules) > 1:
+        raise HarnessError("errors point by point are of one protocol", got=str(len(rules)))
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        mine, true = pool.map(_mesh, (predicted, truth))
+    found = score_all(mine, true, rules, keep_points=keep_points)
+    return PairScores(
+        predicted=_name(predicted),
+        truth=_name(truth),
+        scores={name: each for name, each in found.items() if isinstance(each, Score)},
+        failed={name: each for name, each in found.items() if isinstance(each, HarnessError)},
+        notice=_as_it_lies(truth),
+    )
+
+
+def _mesh(given: Mesh | str | Path) -> Mesh:
+    return given if isinstance(given, Mesh) else load_mesh(Path(given), seams=True)
+
+
+def _name(given: Mesh | str | Path) -> str:
+    return given.source if isinstance(given, Mesh) else str(given)
+
+
+def _as_it_lies(truth: Mesh | str | Path) -> tuple[str, ...]:
+    """What a reader should know of a file in the place of a dataset's scan; empty elsewhere."""
+    if isinstance(truth, Mesh):
+        return ()
+    folder = Path(truth).resolve().parent
+    if folder.parent.name != "model" or folder.name != Path(truth).stem:
+        return ()
+    return (
+        f"{truth} is compared as it lies in its file; a dataset's scan is turned, scaled and "
+        "centred when it is read: score meshes in the world frame with --dataset and --name",
+    )
+
+
+def _metric_lines(score: Score) -> Iterator[str]:
+    mexecon = not score.protocol.summary
+    for key, value in score.metrics.items():
+        # A name is one publication's: what others call P2S or NC is something else.
+        title = METRICS[key].title if mexecon else key
+        floor = f"   floor {value.floor:.3f} {value.unit}" if value.floor else ""
+        yield (
+            f"  {title:18} {value.value:9.3f} {value.unit:3} "
+            f"± {value.standard_error:.3f} (standard error, n = {value.n}){floor}"
+        )
+    done = score.alignment
+    if done.by != "none":
+        mirror = ", mirrored" if done.mirrored else ""
+        yield (
+            f"  aligned by {done.by}: scale {done.scale:.4f}{mirror}, mean vertex distance "
+            f"{done.before_mm:.2f} mm before and {done.after_mm:.2f} mm after"
+        )

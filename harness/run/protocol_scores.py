@@ -1,0 +1,81 @@
+"""The meshes of a run under further protocols: each mesh and scan is read once for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from harness.core.errors import HarnessError
+from harness.core.protocol_scores import ProtocolScore, ProtocolScores
+from harness.core.records import ProtocolStamp, Record
+from harness.core.settings import MetricProtocol
+from harness.files.mesh_files import load_mesh
+from harness.run.progress import Progress
+from harness.run.publication import MESH_FILE
+from harness.run.sources import ScanSet
+from harness.run.store import RunStore
+from metrics.score import Score, score_all
+
+
+def score_protocols(
+    store: RunStore,
+    truth: ScanSet,
+    protocols: Sequence[MetricProtocol],
+    methods: Sequence[str],
+    progress: Progress,
+) -> dict[str, list[ProtocolScore]]:
+    """The scores of the run's meshes under protocols, filed beside their records; by cell.
+
+    What was measured before of the same mesh under the same protocol is kept.
+
+    Args:
+        store: The run.
+        truth: What it is measured against; its subjects count.
+        protocols: Besides that of the records.
+        methods: Rows of the run.
+        progress: Counts the meshes.
+
+    Raises:
+        DataError: a mesh or a scan that cannot be read.
+    """
+    cells = [
+        record
+        for record in store.records()
+        if record.status == "ok"
+        and record.method_name in methods
+        and record.subject in truth.subjects
+    ]
+    progress.expect("meshes under further protocols", len(cells))
+    found = {}
+    for record in sorted(cells, key=lambda each: each.subject):
+        found[f"{record.method_name}/{record.subject}"] = _scored(store, truth, protocols, record)
+        progress.done("meshes under further protocols")
+    return found
+
+
+def _scored(
+    store: RunStore, truth: ScanSet, protocols: Sequence[MetricProtocol], record: Record
+) -> list[ProtocolScore]:
+    folder, sha256 = store.cell(record.method_name, record.subject), record.files[MESH_FILE]
+    with folder.locked():
+        there = ProtocolScores.beside(folder.directory, sha256).scores
+        stamps = {protocol.name: ProtocolStamp.of(protocol) for protocol in protocols}
+        known = {score.protocol.name: score for score in there}
+        missing = [
+            protocol
+            for protocol in protocols
+            if protocol.name not in known
+            or known[protocol.name].protocol.sha != stamps[protocol.name].sha
+        ]
+        if missing:
+            mesh = load_mesh(folder.directory / MESH_FILE)
+            _, scan = truth.load(record.subject)
+            for name, score in score_all(mesh, scan, missing, misplaced="tell").items():
+                known[name] = _filed(stamps[name], sha256, score)
+            ProtocolScores(tuple(known.values())).save(folder.directory)
+    return [known[name] for name in stamps]
+
+
+def _filed(stamp: ProtocolStamp, sha256: str, score: Score | HarnessError) -> ProtocolScore:
+    if isinstance(score, HarnessError):
+        return ProtocolScore(stamp, sha256, reason=str(score))
+    return ProtocolScore(stamp, sha256, score.alignment, score.metrics)

@@ -1,1 +1,0 @@
-"""Quality without a scan: what photos, normal maps and the mesh itself tell."""

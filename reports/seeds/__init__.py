@@ -1,1 +1,0 @@
-"""Results under several seeds, side by side."""
