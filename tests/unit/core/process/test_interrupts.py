@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 import weakref
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,19 @@ from harness.core.process.interrupts import (
     require_not_stopped,
     stopped_by_signals,
 )
+
+
+@pytest.fixture(autouse=True)
+def _handlers_of_a_fresh_program() -> Iterator[None]:
+    """Whatever started the tests (``nohup`` ignores SIGHUP) or ran before, signals arrive."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number in numbers:
+        is_int = number == signal.SIGINT
+        signal.signal(number, signal.default_int_handler if is_int else signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def send_soon(number: signal.Signals) -> None:
