@@ -345,9 +345,6 @@ def _believed(sights: Sequence[Sight], lights: Sequence[Singles], count: int) ->
     return believed
 
 
-_NEAREST = float(np.sqrt(2.0))
-
-
 def finer(mesh: Mesh, edge_m: float, most_vertices: int) -> Mesh:
     """The same surface with each face cut into four, and again, until edges are short enough.
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from harness.core.arrays import Bytes, Floats, Ints32, Mask
 from methods.masks import imported_network
-from methods.parts.onnx_session import solutions, titled
+from methods.parts.mediapipe_solutions import solutions, titled
 
 #: Radius of the filter's window as a share of the photo's height, and what it takes for flat, in
 #: squared colours of 0 to 1: a step of 0.01.

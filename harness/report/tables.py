@@ -44,7 +44,6 @@ PHOTOS_TABLE, PHOTO_ERRORS_TABLE = "photos", "photo-errors"
 SEEDS_TABLE = "seeds"
 #: The table of further protocols, which lie beside the records.
 PROTOCOLS_TABLE = "protocols"
-_OF_NO_RECORDS = (PUBLISHED_TABLE, PROTOCOLS_TABLE)
 #: The table of differences, subject by subject.
 PAIRED_TABLE = "paired"
 #: Tables of a run by name.

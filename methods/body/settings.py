@@ -11,7 +11,7 @@ from harness.core.artifacts import Body
 from harness.core.errors import HarnessError
 from harness.core.mesh import Mesh
 from harness.core.settings import check_choice, check_range
-from methods.body.fit.evidence import Weights
+from methods.body.fit.weights import Weights
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -65,37 +63,3 @@ def answers(
     except Exception as error:  # onnxruntime has no public base of its errors
         raise MethodError(f"{what} cannot be run", got=str(error)) from error
     return found
-
-
-def titled(solution: str) -> str:
-    """A solution's name as records and captures have it, with the installed version if any."""
-    try:
-        return f"MediaPipe {solution} {version('mediapipe')}"
-    except PackageNotFoundError:
-        return f"MediaPipe {solution}"
-
-
-def solutions(purpose: str, otherwise: str = "") -> Any:
-    """MediaPipe's module of solutions.
-
-    Args:
-        purpose: What needs it, as the beginning of a sentence: ``making masks``.
-        otherwise: What to do instead of installing it, for the hint.
-
-    Raises:
-        MissingPart: MediaPipe is not installed.
-    """
-    try:
-        # In a thread of its own: where PortAudio is missing, MediaPipe keeps the exception, and an
-        # exception keeps all values of all functions that were being carried out in its thread.
-        with ThreadPoolExecutor(1) as importer:
-            mediapipe = importer.submit(_mediapipe).result()
-    except ImportError as error:
-        raise not_installed("mediapipe", purpose, otherwise) from error
-    return mediapipe.solutions
-
-
-def _mediapipe() -> Any:
-    import mediapipe
-
-    return mediapipe

@@ -12,8 +12,8 @@ from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
 from harness.geometry.place import Place
 from harness.geometry.raycast import Raycaster
-from methods.body.fit.evidence import Weights
 from methods.body.fit.jmbo import optimise
+from methods.body.fit.weights import Weights
 from methods.body.models.anny_body import AnnyBody
 from methods.body.models.model import neutral
 from methods.body.photos.detection import COUNT, Detections

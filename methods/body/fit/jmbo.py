@@ -18,16 +18,9 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from harness.geometry.raycast import Hits
-from methods.body.fit.evidence import (
-    PUBLISHED_CONFIDENCE,
-    PUBLISHED_LANDMARKS,
-    Evidence,
-    ParameterPrior,
-    Projector,
-    Weights,
-    length,
-)
+from methods.body.fit.evidence import Evidence, Projector, length
 from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost
+from methods.body.fit.prior import ParameterPrior
 from methods.body.fit.silhouette import (
     BodySurface,
     SilhouetteTarget,
@@ -36,6 +29,7 @@ from methods.body.fit.silhouette import (
     uncovered_cost,
     vertex_normals,
 )
+from methods.body.fit.weights import PUBLISHED_CONFIDENCE, PUBLISHED_LANDMARKS, Weights
 from methods.body.models.model import LandmarkTable, Parameters, ParametricBody, Posed, box_middle
 from methods.body.photos.views import View, Views
 

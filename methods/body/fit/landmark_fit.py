@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
-from methods.body.fit.evidence import Evidence, ParameterPrior, Projector
+from methods.body.fit.evidence import Evidence
 from methods.body.fit.least_squares import Residuals, minimum
+from methods.body.fit.prior import ParameterPrior
 from methods.body.models.model import Parameters, ParametricBody, box_middle, neutral
 from methods.body.photos.detection import Detections
 from methods.body.photos.views import View
@@ -210,13 +211,7 @@ class _Landmarks:
         self._whole, self._body = bodies
         self._prior = ParameterPrior(self._body)
         table = self._body.landmarks
-        self._projectors = [Projector(view.camera) for view in views]
-        self._pixels = torch.tensor(detections.pixels[:, table.landmarks])
-        self._points = torch.tensor(detections.points_camera[:, table.landmarks])
-        self._confidence = torch.tensor(detections.confidence[:, table.landmarks] * table.trust)
-        self._metres_per_px = [
-            view.place.distance_m(view.camera) / view.camera.K[1, 1] for view in views
-        ]
+        self._seen = Evidence(views, detections, table, precise=True)
         self._hips = [int(np.flatnonzero(table.landmarks == hip)[0]) for hip in (23, 24)]
         place = views[0].place
         self._depth_is_known = place.depth_is_known
@@ -240,11 +235,11 @@ class _Landmarks:
 
         points = self._body.landmark_points(self._body.posed(parameters))
         in_picture, in_space = [], []
-        for view, projector in enumerate(self._projectors):
-            off_px = projector(points) - self._pixels[view]
-            in_picture.append(off_px * (self._metres_per_px[view] / _PICTURE_M))
+        for view, projector in enumerate(self._seen.projectors):
+            off_px = projector(points) - self._seen.pixels[view]
+            in_picture.append(off_px * (self._seen.metres_per_px[view] / _PICTURE_M))
             in_space.append(self._off_in_space(projector.turn(points), view))
-        weight = self._confidence.flatten()
+        weight = self._seen.confidence.flatten()
         plain = [self._prior.residuals(parameters)]
         if self._holds_depth():
             off = parameters["translation"] + self._to_middle - self._centre
@@ -253,13 +248,13 @@ class _Landmarks:
         return Residuals(
             (
                 (torch.cat(in_picture, 1), weight),
-                (torch.cat(in_space, 1), weight / len(self._projectors)),
+                (torch.cat(in_space, 1), weight / len(self._seen)),
             ),
             torch.cat(plain, 1),
         )
 
     def _holds_depth(self) -> bool:
-        return self._depth_is_known and len(self._projectors) == 1
+        return self._depth_is_known and len(self._seen) == 1
 
     def _off_in_space(self, turned: Tensor, view: int) -> Tensor:
         """(B, K, 3) between landmarks in camera axes and the detector's own, hips on hips.
@@ -268,9 +263,9 @@ class _Landmarks:
         as large as these first: its metres are a mean person's, and would pass for a measurement.
         """
         about_hips = turned - turned[:, self._hips].mean(1, keepdim=True)
-        own = self._points[view]
+        own = self._seen.points_camera[view]
         if self._depth_is_known:
             return (about_hips - own) / _SPACE_M
-        weights = self._confidence[view][:, None]
+        weights = self._seen.confidence[view][:, None]
         size = (weights * own * about_hips).sum((1, 2), keepdim=True) / (weights * own**2).sum()
         return (about_hips - size * own) / _SPACE_ALONE_M

@@ -28,7 +28,7 @@ from harness.core.protocols import Part
 from harness.geometry.images import PictureFile, composite, load_rgba
 from harness.geometry.window import Window
 from methods.body.models.anatomy import LEAN_DEG
-from methods.parts.onnx_session import solutions, titled
+from methods.parts.mediapipe_solutions import solutions, titled
 
 #: Landmarks of MediaPipe's body.
 COUNT = 33

@@ -27,7 +27,6 @@ from harness.geometry.photo import Picture, linear_texture
 from harness.geometry.raycast import Raycaster
 from harness.geometry.window import rounded_up
 from methods.body.models.anny_body import AnnyBody
-from methods.body.models.choice import FitErrors, as_fitted
 from methods.normals.onnx_estimator import MULTIPLE
 from normal_training.learning.settings import LARGER
 from normal_training.learning.variations.light import (
@@ -42,6 +41,7 @@ from normal_training.learning.variations.light import (
     photographed,
 )
 from normal_training.sampling.fabric_prints import printed
+from normal_training.sampling.perturbation import FitErrors, as_fitted
 from normal_training.sampling.shading import Shading, averaged, shaded
 from normal_training.sampling.viewpoint import PhotoSize, drawn_camera
 from renderers.protocol import texture_of

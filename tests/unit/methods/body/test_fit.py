@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from methods.body.fit.evidence import Weights
 from methods.body.fit.jmbo import head_cost, optimise
 from methods.body.fit.landmark_fit import average, fit_each_view, fit_jointly, swapped_views
+from methods.body.fit.weights import Weights
 from methods.body.models.model import box_middle, neutral
 from methods.body.photos.detection import MIRRORED
 

@@ -26,7 +26,7 @@ print(photo() is None)
 
 _MODEL = """
 import weakref
-from methods.body.models.choice import body_model, forget_body_models
+from methods.body.models.choice import (body_model, forget_body_models)
 
 body = body_model("anny")
 held = weakref.ref(body._model)

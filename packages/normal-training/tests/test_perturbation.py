@@ -4,11 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from harness.core.truth import TrueParameters
-from methods.body.models.choice import FitErrors, as_fitted
+from methods.body.models.anny_body import AnnyBody
+from methods.body.models.model import neutral
+from normal_training.sampling.perturbation import FitErrors, as_fitted
 
 NONE = FitErrors(joint_deg=0.0, root_deg=0.0, place_m=0.0, phenotype=0.0)
+
+
+@pytest.fixture(name="anny", scope="module")
+def _anny():
+    return AnnyBody()
+
+
+@pytest.fixture(name="person", scope="module")
+def _person(anny):
+    """Parameters of one bent body, and its posed values."""
+    parameters = neutral(anny)
+    generator = torch.Generator().manual_seed(3)
+    pose = 0.05 * torch.randn(parameters["pose"].shape, generator=generator)
+    shift = torch.tensor([[0.02, 0.0, -0.03]])
+    parameters |= {"pose": pose, "shape": parameters["shape"] + 0.05, "translation": shift}
+    with torch.no_grad():
+        return parameters, anny.posed(parameters)
 
 
 @pytest.fixture(name="truth", scope="module")
