@@ -6,10 +6,13 @@ machines are extras of its distribution; other parts of the project are packages
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 from harness.core.errors import MissingPart
 
@@ -68,6 +71,28 @@ def not_installed(module: str, purpose: str, otherwise: str = "") -> MissingPart
         f"{purpose} needs {module.partition('.')[0]}, which is not installed",
         hint="; ".join(filter(None, [f"Run: {how_to_install(module)}", otherwise])),
     )
+
+
+@contextlib.contextmanager
+def compiler_left_out() -> Iterator[None]:
+    """RoMa imported in here does not load torch's compiler, which takes a second or two.
+
+    RoMa asks it only to leave two functions alone.
+
+    Raises:
+        ImportError: torch is not installed.
+    """
+    compiler = "torch._dynamo"
+    import_module("torch")
+    if compiler in sys.modules or "roma" in sys.modules:
+        yield
+        return
+    sys.modules[compiler] = stand_in = ModuleType(compiler)
+    stand_in.__dict__["disable"] = lambda function: function
+    try:
+        yield
+    finally:
+        del sys.modules[compiler]
 
 
 def explained(error: ImportError, purpose: str = "this") -> MissingPart | None:

@@ -18,6 +18,7 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from harness.geometry.raycast import Hits
+from methods.body.fit.descent import Adam, Plateau
 from methods.body.fit.evidence import Evidence, Projector, length
 from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost
 from methods.body.fit.prior import ParameterPrior
@@ -173,15 +174,11 @@ def optimise(
         normals_of: Estimates the views' normals anew; asked every ``weights.normals_every``
             iterations.
     """
-    import torch
-
     problem = _Problem(body, views, weights)
     held_m = _held_distance_m(body, views, start)
     parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
-    optimiser = torch.optim.Adam(list(parameters.values()), lr=weights.rate, amsgrad=True)
-    plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
-        optimiser, factor=_FACTOR, patience=_PATIENCE, min_lr=_LEAST_RATE
-    )
+    optimiser = Adam(parameters.values(), weights.rate)
+    plateau = Plateau(optimiser, _FACTOR, _PATIENCE, _LEAST_RATE)
     turns = _batches(len(views.views), weights, seed)
     costs: list[float] = []
     terms: list[dict[str, float]] = []
@@ -195,7 +192,7 @@ def optimise(
             problem.compare_with(normals_of(problem.vertices(parameters)))
         optimiser.zero_grad()
         if weights.schedule == "ramp":
-            optimiser.param_groups[0]["lr"] = weights.rate * _ramp(iteration / len(turns))
+            optimiser.rate = weights.rate * _ramp(iteration / len(turns))
         cost, found = problem.step(parameters, chosen)
         # With mini-batches the costs of two iterations are of different views: the last one counts.
         if keeps_last or not costs or cost < min(costs):

