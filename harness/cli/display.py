@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, TextIO
+from typing import TYPE_CHECKING, Self, TextIO
 
 import typer
 from rich.console import Console
@@ -27,7 +27,9 @@ from rich.progress import (
 from harness.core.files.atomic import write_text
 from harness.core.plain_text import plain_text
 from harness.core.typed_json import to_json
-from harness.run.captures import CaptureOutcome
+
+if TYPE_CHECKING:
+    from harness.run.captures import CaptureOutcome
 
 
 class ProgressDisplay(ABC):

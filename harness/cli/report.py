@@ -303,9 +303,13 @@ def _text(
     reason: str,
 ) -> str:
     """The table that was asked for."""
+    whole = request.methods or ()
     if records is not None or before is not None:
-        now = read_record_file(records) if records else RunStore.existing(place, run).records()
-        return build_table(now, request, read_record_file(before) if before else None)
+        if records:
+            now = read_record_file(records, whole)
+        else:
+            now = RunStore.existing(place, run).records(whole)
+        return build_table(now, request, read_record_file(before, whole) if before else None)
     if request.table == PUBLISHED_TABLE:
         rule = load_manifest(manifest).protocol(request.protocol) if request.protocol else None
         own = RunStore.existing(place, run).records() if rule and run else ()
@@ -317,7 +321,7 @@ def _text(
         found = table_of_seeds(store, request.methods, request.subjects)
         return written(found, writer_of(request.format))
     if request.table not in PHOTO_TABLES:
-        return build_table(store.records(), request)
+        return build_table(store.records(whole), request)
     wanted = PhotoReport(request, store, load_manifest(manifest), place, reason)
     with shown_progress() as progress:
         return build_photo_table(wanted, progress)

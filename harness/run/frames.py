@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,8 +56,10 @@ def write_record_file(records: Sequence[Record], path: Path) -> None:
     write_text(path, "".join(f"{line}\n" for line in lines))
 
 
-def read_record_file(path: Path) -> list[Record]:
+def read_record_file(path: Path, whole: Collection[str] = ()) -> list[Record]:
     """The records in a file that ``write_record_file`` wrote.
+
+    ``whole`` is as ``Record.from_document`` has it.
 
     Raises:
         DataError: no such file, a line that is no record, or two records of one method and subject.
@@ -71,7 +73,7 @@ def read_record_file(path: Path) -> list[Record]:
     records: dict[tuple[str, str], Record] = {}
     for number, line in enumerate(lines, 1):
         source = f"line {number} of {path}"
-        record = Record.from_document(parsed_json(line, source), source)
+        record = Record.from_document(parsed_json(line, source), source, whole)
         cell = (record.method_name, record.subject)
         if cell in records:
             raise DataError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,14 +172,14 @@ class RunStore:
         folder = self.directory / checked_name("method", method)
         return CellFolder(folder / checked_name("subject", subject))
 
-    def records(self) -> list[Record]:
-        """All records, by method and subject.
+    def records(self, whole: Collection[str] = ()) -> list[Record]:
+        """All records, by method and subject; ``whole`` as ``Record.from_document`` has it.
 
         Raises:
             DataError: a record that cannot be read; it is never skipped.
         """
         paths = sorted(self.directory.glob(f"*/*/{_RECORD_FILE}"))
-        return [Record.load(path, *path.parts[-3:-1]) for path in paths]
+        return [Record.load(path, *path.parts[-3:-1], whole) for path in paths]
 
     def result(self, record: Record, name: str) -> Path:
         """The file of a record's result, such as ``mesh.ply``, after a check that it is unchanged.

@@ -19,6 +19,7 @@ import contextlib
 import functools
 import hashlib
 import importlib.util
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -73,7 +74,7 @@ def module_source(path: Path, name: str) -> ModuleSource:
 def _known(path: Path, name: str, _changed_ns: int, _size: int) -> ModuleSource:
     content = path.read_bytes()
     key = hashlib.sha256(b"\0".join((_maker(), name.encode(), content))).hexdigest()
-    kept = Path(importlib.util.cache_from_source(str(path))).with_suffix(".json")
+    kept = _kept(path, key)
     with contextlib.suppress(DataError):
         values = read_json(kept)
         if values.get("key") == key:
@@ -84,11 +85,21 @@ def _known(path: Path, name: str, _changed_ns: int, _size: int) -> ModuleSource:
                 frozenset(values["identifiers"]),
             )
     source = _parsed(content, path, name)
-    if not sys.dont_write_bytecode:
-        values = {"key": key, **asdict(source), "identifiers": sorted(source.identifiers)}
-        with contextlib.suppress(DataError, OSError):
-            write_json(kept, values)
+    values = {"key": key, **asdict(source), "identifiers": sorted(source.identifiers)}
+    with contextlib.suppress(DataError, OSError):
+        write_json(kept, values)
     return source
+
+
+def _kept(path: Path, key: str) -> Path:
+    """Where it is kept what a file says, so that no other process parses that again.
+
+    Beside Python's bytecode; in the user's folder for such things where none may be written.
+    """
+    if not sys.dont_write_bytecode:
+        return Path(importlib.util.cache_from_source(str(path))).with_suffix(".json")
+    caches = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+    return Path(caches, "mexecon-harness", "sources", f"{key[:32]}.json")
 
 
 @functools.cache

@@ -101,9 +101,13 @@ def test_where_nothing_can_be_written_files_are_parsed(file: Path) -> None:
     assert read_anew(file) == first
 
 
-def test_nothing_is_written_where_python_may_not(
+def test_where_python_may_not_write_the_answer_is_kept_in_the_users_folder(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    read_anew(file)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(file.parent / "caches"))
+    first = read_anew(file)
     assert not file.parent.joinpath("__pycache__").exists()
+    assert len(list(file.parent.joinpath("caches").glob("mexecon-harness/sources/*.json"))) == 1
+    monkeypatch.setattr(own.ast, "parse", no_parser)
+    assert read_anew(file) == first

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import DataError
+from harness.report.tables import ReportRequest, build_table
 from harness.run.frames import read_record_file, write_record_file
-from tests.unit.pipeline.board.boards import RECORDS
+from harness.run.store import RunStore
+from tests.unit.pipeline.board.boards import RECORDS, RUN
 
 ALL = [record for records in RECORDS.values() for record in records]
 
@@ -29,6 +31,33 @@ def test_the_file_does_not_depend_on_the_order_of_records(tmp_path: Path) -> Non
 
     assert (tmp_path / "one").read_bytes() == (tmp_path / "other").read_bytes()
     assert len((tmp_path / "one").read_text(encoding="utf-8").splitlines()) == len(ALL)
+
+
+def test_a_table_of_some_methods_needs_no_more_of_the_others_than_whose_they_are(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "file.jsonl"
+    write_record_file(ALL, path)
+    every, wanted = read_record_file(path), (ALL[0].method_name,)
+    some = read_record_file(path, wanted)
+
+    assert [r for r in some if r.method_name in wanted] == [
+        r for r in every if r.method_name in wanted
+    ]
+    others = [r for r in some if r.method_name not in wanted]
+    assert others
+    assert not any(r.metrics for r in others)
+    for subjects in (None, (ALL[0].subject,)):
+        request = ReportRequest(methods=wanted, subjects=subjects)
+        assert build_table(some, request) == build_table(every, request)
+    assert RunStore(RUN).records(wanted)[0].dataset == ALL[0].dataset
+
+
+def test_a_line_that_names_no_method_is_refused_whichever_are_wanted(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text('{"schema": 5, "subject": "a01"}\n', encoding="utf-8")
+
+    with pytest.raises(DataError, match="is not a record"):
+        read_record_file(tmp_path / "file", ("hull8",))
 
 
 @pytest.mark.parametrize(
