@@ -1,15 +1,62 @@
-"""Photos of a still person in, cameras out."""
+"""Photos of a still person in, cameras out, or one sentence why not."""
 # ruff: noqa: ARG001
 
 from __future__ import annotations
 
+import hashlib
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
+from harness.core.mesh import Mesh
 from harness.core.process.threads import StepReport, silent
-from methods.body.photos.detection import Detections
-from methods.cameras.values import EstimatedCameras, Focal, PhotoView
+from methods.body.photos.detection import Detections, detect_in
+from methods.cameras.adjustment import Rig, Solved, solved
+from methods.cameras.coherence import DistanceMap, distance_map
+from methods.cameras.landmarks import LandmarkRows, first_rig, landmark_spans
+from methods.cameras.matches import (
+    Matches,
+    MatchRows,
+    MatchSearch,
+    contradiction_m,
+    find_matches,
+    met,
+)
+from methods.cameras.search import Silhouettes, coherent, settled, shaken, upright
+from methods.cameras.values import (
+    EstimatedCameras,
+    Focal,
+    PhotoReport,
+    PhotoView,
+    StageReport,
+)
+from methods.closed.lattices import contoured, evened, hull_field, hull_lattice
+
+LEAST_PHOTOS, MOST_PHOTOS, _SURE_PHOTOS = 5, 64, 6
+#: Landmarks that are this sure, and so many of them, make a person.
+_CONFIDENT, _LEAST_LANDMARKS = 0.3, 6
+#: Pixels of the outlines' maps, metres: to begin with and to finish, and rays of a photo then.
+_COARSE_M, _FINE_M, _FINE_RAYS = 0.004, 0.002, 200
+#: Rays are followed so far before and behind the person's middle, in heights.
+_REACH = 0.5
+_HULL_STEP_M = 0.008
+#: Outlines that miss by more than this, root mean square, contradict each other, metres: wrong
+#: minima miss by 4 mm, right ones by 0.2 to 0.8.
+_COHERENT_M = 0.002
+_STARTS = 4
+#: The first search for matches, and later ones with cameras that are nearly right.
+_SEARCHES = (
+    MatchSearch(0.03, 0.0015, 4, 0.0022),
+    MatchSearch(0.03, 0.0015, 2, 0.0011),
+    MatchSearch(0.03, 0.0015, 2, 0.0011),
+)
+#: Beside matches outlines are trusted to so many times what is left in them, metres.
+_LEFT_SHARE, _LEAST_LEFT_M = 12.0, 0.0005
 
 
 def estimate_cameras(
@@ -35,7 +82,279 @@ def estimate_cameras(
         MethodError: photos that no cameras can be trusted of; the sentence says what is wrong.
         MissingPart: MediaPipe is needed, and not installed.
     """
-    raise MethodError("cameras cannot be estimated yet", got=f"{len(photos)} photos")
+    steps = _Steps(report)
+    group = _group(photos, focal, landmarks)
+    steps.done("landmarks", {"photos": float(len(group.photos))}, 0.0)
+    rig, given = _by_landmarks(group, height_m)
+    group, rig, given = _by_outlines(group, rig, given, (np.random.default_rng(seed), steps))
+    _check_round(rig)
+    rig, given = _finer(group, rig, given, height_m)
+    steps.done("outlines", {"missed_mm": 1e3 * given.misses_m(rig)[0]}, 0.0)
+    found, matches = _by_photos(group, rig, given, (height_m, steps))
+    return _answer(group, found, given, matches, steps)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """The photos that are worked with.
+
+    Attributes:
+        photos: In an order that does not depend on the one given.
+        numbers: Of each among those given.
+        told: Their landmarks.
+        base: Their focal lengths and principal points; poses say nothing.
+        left_out: Of all that were given: number and reason.
+        names: Of all that were given.
+    """
+
+    photos: tuple[PhotoView, ...]
+    numbers: tuple[int, ...]
+    told: Detections
+    base: Rig
+    left_out: dict[int, str]
+    names: tuple[str, ...]
+
+    def without(self, view: int, why: str) -> _Group:
+        """The group without one of its photos."""
+        keep = [other for other in range(len(self.photos)) if other != view]
+        left_out = {**self.left_out, self.numbers[view]: why}
+        if len(keep) < LEAST_PHOTOS:
+            raise MethodError(
+                "too few photos are left to find cameras",
+                expected=f"at least {LEAST_PHOTOS} photos of one still person",
+                got="; ".join(f"{self.names[n]}: {reason}" for n, reason in left_out.items()),
+                hint="Take more photos, all around the person",
+            )
+        return replace(
+            self,
+            photos=tuple(self.photos[v] for v in keep),
+            numbers=tuple(self.numbers[v] for v in keep),
+            told=self.told.at(keep),
+            base=self.base.at(keep),
+            left_out=left_out,
+        )
+
+
+class _Steps:
+    """What stages did, and how long they took."""
+
+    def __init__(self, report: StepReport) -> None:
+        self.stages: list[StageReport] = []
+        self._report, self._since = report, time.perf_counter()
+
+    def done(self, name: str, residuals: dict[str, float], gain: float) -> None:
+        """A stage has ended."""
+        now = time.perf_counter()
+        self.stages.append(StageReport(name, now - self._since, residuals, gain))
+        self._since = now
+        self._report(len(self.stages), 2 + len(_SEARCHES))
+
+
+def _group(photos: Sequence[PhotoView], focal: Focal, landmarks: Detections | None) -> _Group:
+    """The photos that show a person.
+
+    Raises:
+        MethodError: too few or too many.
+    """
+    if not LEAST_PHOTOS <= len(photos) <= MOST_PHOTOS:
+        raise MethodError(
+            "cameras cannot be found from so many photos",
+            expected=f"{LEAST_PHOTOS} to {MOST_PHOTOS}",
+            got=str(len(photos)),
+            hint="Eight photos, evenly around the person, are a good number",
+        )
+    order = sorted(
+        range(len(photos)), key=lambda n: hashlib.sha256(photos[n].rgba.tobytes()).digest()
+    )
+    chosen = tuple(photos[n] for n in order)
+    told = landmarks.at(order) if landmarks else detect_in([p.rgba for p in chosen])
+    focal_px = np.array([focal.px[n] for n in order])
+    base = Rig(
+        rotations=np.tile(np.eye(3), (len(chosen), 1, 1)),
+        shifts=np.zeros((len(chosen), 3)),
+        base_focal=np.stack([focal_px, focal_px], axis=1),
+        middle=np.array([photo.size for photo in chosen]) / 2.0,
+        factor_sd=focal.relative_sd,
+    )
+    names = tuple(photo.name for photo in photos)
+    group = _Group(chosen, tuple(order), told, base, {}, names)
+    sure = (told.confidence > _CONFIDENT).sum(axis=1)
+    for view in reversed(range(len(chosen))):
+        if not (chosen[view].rgba[..., 3] >= 128).any():
+            group = group.without(view, "its mask is empty")
+        elif sure[view] < _LEAST_LANDMARKS:
+            group = group.without(view, "no person was detected")
+    return group
+
+
+def _by_landmarks(group: _Group, height_m: float) -> tuple[Rig, Silhouettes]:
+    """The rig that landmarks tell, and the outlines at the size that it sees them in."""
+    rig, told = first_rig(group.base, group.told)
+    rig = solved(rig, [LandmarkRows(told, landmark_spans(rig), 0.015)], 40).rig
+    return rig, Silhouettes(_maps(group, rig, _COARSE_M), told, _REACH * height_m)
+
+
+def _maps(group: _Group, rig: Rig, pixel_m: float) -> tuple[DistanceMap, ...]:
+    spans = landmark_spans(rig)
+    return tuple(
+        distance_map(photo, span, pixel_m) for photo, span in zip(group.photos, spans, strict=True)
+    )
+
+
+def _by_outlines(
+    group: _Group, rig: Rig, given: Silhouettes, how: tuple[np.random.Generator, _Steps]
+) -> tuple[_Group, Rig, Silhouettes]:
+    """Coherent cameras, without photos that do not fit the others.
+
+    Raises:
+        MethodError: the outlines contradict each other whatever is left out.
+    """
+    rng, _ = how
+    while True:
+        best: tuple[float, Rig, Silhouettes] | None = None
+        for start in range(_STARTS):
+            begun = shaken(rig, rng) if start else rig
+            found, held = coherent(begun, given)
+            found = settled(found, held)
+            missed, _ = held.misses_m(found)
+            if best is None or missed < best[0]:
+                best = missed, found, held
+            if best[0] < _COHERENT_M:
+                return group, best[1], best[2]
+        assert best is not None
+        group, rig, given = _without_worst(group, *best)
+
+
+def _without_worst(
+    group: _Group, missed: float, rig: Rig, given: Silhouettes
+) -> tuple[_Group, Rig, Silhouettes]:
+    """The photos without the one that contradicts the others most.
+
+    Raises:
+        MethodError: a quarter was left out, or it does not help.
+    """
+    count = len(rig)
+    keeps = [[other for other in range(count) if other != view] for view in range(count)]
+    after = [given.at(keep).misses_m(rig.at(keep))[0] for keep in keeps]
+    worst = int(np.argmin(after))
+    if len(group.left_out) >= len(group.names) // 4:
+        _, each = given.misses_m(rig)
+        order = np.argsort(-each, kind="stable")[:3]
+        raise MethodError(
+            "the photos' outlines contradict each other",
+            expected=f"rays that miss by at most {1e3 * _COHERENT_M:.0f} mm",
+            got=f"{1e3 * missed:.1f} mm, most in "
+            + ", ".join(f"{group.photos[v].name} ({1e3 * each[v]:.0f} mm)" for v in order),
+            hint="Either the person moved, masks are wrong, a photo is mirrored or of another "
+            "person, or the focal length is",
+        )
+    why = f"its outline contradicts the others' by {1e3 * given.misses_m(rig)[1][worst]:.0f} mm"
+    keep = keeps[worst]
+    return group.without(worst, why), rig.at(keep), given.at(keep)
+
+
+def _check_round(rig: Rig) -> None:
+    """Refuse views of one side only."""
+
+
+def _finer(group: _Group, rig: Rig, given: Silhouettes, height_m: float) -> tuple[Rig, Silhouettes]:
+    """Coherent cameras in metres, upright, and finer outlines."""
+    rig, _ = _in_world(rig, given, height_m, 0.012)
+    fine = replace(given, maps=_maps(group, rig, _FINE_M))
+    blocks = [
+        fine.rays(rig, 0.001, _FINE_RAYS),
+        LandmarkRows(given.told, landmark_spans(rig), 0.06, space_weight=0.02),
+    ]
+    return solved(rig, blocks, 8).rig, fine
+
+
+def _in_world(rig: Rig, given: Silhouettes, height_m: float, step_m: float) -> tuple[Rig, Mesh]:
+    """The rig in metres, +Y up, the person facing +Z about the origin, and the hull there."""
+    left = rig.points[[11, 23]].mean(axis=0) - rig.points[[12, 24]].mean(axis=0)
+    up = upright(rig)
+    front = np.cross(left, up)
+    front /= np.linalg.norm(front)
+    axes = np.stack([np.cross(up, front), up, front])
+    rig = rig.in_frame(axes, rig.points.mean(axis=0))
+    mesh = _hull(rig, given, step_m)
+    low, high = mesh.bounds
+    scale = height_m / float(high[1] - low[1])
+    rig = rig.in_frame(np.eye(3), (low + high) / 2).resized(scale)
+    return rig, replace(mesh, vertices=(mesh.vertices - (low + high) / 2) * scale)
+
+
+def _hull(rig: Rig, given: Silhouettes, step_m: float) -> Mesh:
+    cameras = rig.cameras([(2, 2)] * len(rig))
+    outlines = [each.outline(c) for each, c in zip(given.maps, cameras, strict=True)]
+    lattice = hull_lattice(outlines, step_m)
+    return evened(contoured(lattice, hull_field(outlines, lattice), "visual hull"))
+
+
+def _by_photos(
+    group: _Group, rig: Rig, given: Silhouettes, how: tuple[float, _Steps]
+) -> tuple[Solved, Matches]:
+    """The cameras that matches of photos and outlines tell together."""
+    height_m, steps = how
+    for number, search in enumerate(_SEARCHES):
+        rig, mesh = _in_world(rig, given, height_m, _HULL_STEP_M)
+        matches = find_matches(mesh, rig, group.photos, search)
+        left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
+        blocks = [
+            given.rays(rig, left_m, _FINE_RAYS),
+            MatchRows(matches.of(~matches.held_out)),
+        ]
+        found = solved(rig, blocks, 8)
+        rig = found.rig
+        judged = np.abs(met(rig, matches.of(matches.held_out)).off_px)
+        steps.done(
+            f"photos {number + 1}",
+            {
+                "matches": float(len(matches)),
+                "held_out_px": float(np.median(judged)) if len(judged) else np.nan,
+                "contradiction_mm": 1e3 * contradiction_m(rig, matches),
+                "missed_mm": 1e3 * given.misses_m(rig)[0],
+                "outlines_trusted_mm": 1e3 * left_m,
+            },
+            found.gain,
+        )
+    rig, _ = _in_world(rig, given, height_m, _HULL_STEP_M)
+    return replace(found, rig=rig), matches
+
+
+def _answer(
+    group: _Group, found: Solved, given: Silhouettes, matches: Matches, steps: _Steps
+) -> EstimatedCameras:
+    count = len(group.names)
+    rig = found.rig
+    cameras: list[Camera | None] = [None] * count
+    spread: list[Floats | None] = [None] * count
+    photos = [
+        PhotoReport(name, np.nan, 0, np.nan, group.left_out.get(n, ""))
+        for n, name in enumerate(group.names)
+    ]
+    sizes = [photo.size for photo in group.photos]
+    _, misses = given.misses_m(rig)
+    spans = landmark_spans(rig)
+    off = np.abs(met(rig, matches).off_px)
+    for view, camera in enumerate(rig.cameras(sizes)):
+        number = group.numbers[view]
+        cameras[number] = camera
+        mine = (matches.views == view).any(axis=1)
+        photos[number] = PhotoReport(
+            group.names[number],
+            float(misses[view] / spans[view]),
+            int(mine.sum()),
+            float(np.median(off[mine])) if mine.any() else np.nan,
+        )
+    return EstimatedCameras(
+        cameras=tuple(cameras),
+        covariances=tuple(spread),
+        focal_px=tuple(float(c.K[0, 0]) if c else np.nan for c in cameras),
+        focal_relative_sd=0.0,
+        stages=tuple(steps.stages),
+        photos=tuple(photos),
+        contradiction_mm=1e3 * contradiction_m(rig, matches),
+    )
 
 
 def refine_cameras(

@@ -18,6 +18,7 @@ from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.geometry.hull import isosurface
+from harness.geometry.place import place_of
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import largest_piece
 from methods.closed.outlines import SignedOutline, outlines_distance
@@ -235,3 +236,65 @@ def cut_to_outlines(mesh: Mesh, outlines: Sequence[SignedOutline], step_m: float
             field[place], outlines_distance(outlines, lattice.points(indices))
         )
     return evened(contoured(lattice, field, mesh.source))
+
+
+#: Lattice points along the edge of a block; the outlines are asked for a block's middle first.
+_BLOCK = 4
+#: Points of the search for the subject's box, metres apart, and free space around what the
+#: silhouettes span; seen from few sides a subject may be deeper than it is wide.
+_SEARCH_STEP_M, _SEARCH_MARGIN_M, _WIDEST = 0.04, 0.1, 1.5
+#: A distance to a cone changes by at most about the distance moved; the rest is for the change of
+#: depth and for the pixel grid.
+_CAUTION = 1.2
+
+
+def hull_lattice(outlines: Sequence[SignedOutline], step_m: float) -> Lattice:
+    """The lattice around all that is inside all outlines.
+
+    Raises:
+        MethodError: nothing is.
+    """
+    place = place_of([outline.plain for outline in outlines])
+    half = _WIDEST * max(place.half_width_m, place.half_height_m) + _SEARCH_MARGIN_M
+    count = int(np.ceil(2 * half / _SEARCH_STEP_M)) + 1
+    search = Lattice(place.centre - half, _SEARCH_STEP_M, (count, count, count))
+    points = search.points(_indices(search.shape))
+    reach_m = _CAUTION * _SEARCH_STEP_M * np.sqrt(3) / 2
+    found = points[outlines_distance(outlines, points) > -reach_m]
+    if not len(found):
+        raise MethodError(
+            "the outlines have no common volume",
+            expected="silhouettes of one subject, from the cameras given",
+            got="no point that all views see inside",
+            hint="Check the cameras and the masks",
+        )
+    return lattice_around(
+        np.stack([found.min(axis=0) - reach_m, found.max(axis=0) + reach_m]), step_m
+    )
+
+
+def hull_field(outlines: Sequence[SignedOutline], lattice: Lattice) -> Singles:
+    """The hull's distance at each lattice point, positive inside; exact near its surface.
+
+    Some points away from the surface, a block of points has the distance of its middle.
+    """
+    x, y, z = lattice.shape
+    blocks = (-(-x // _BLOCK), -(-y // _BLOCK), -(-z // _BLOCK))
+    half_m = (_BLOCK - 1) / 2 * lattice.step_m
+    middles = lattice.points(_BLOCK * _indices(blocks)) + half_m
+    coarse = outlines_distance(outlines, middles).reshape(blocks)
+    field = coarse
+    for axis in range(3):
+        field = np.repeat(field, _BLOCK, axis=axis)
+    near_m = _CAUTION * _BLOCK * lattice.step_m * np.sqrt(3) / 2 + lattice.step_m
+    inside = _indices((_BLOCK, _BLOCK, _BLOCK))
+    active = np.argwhere(np.abs(coarse) <= near_m)
+    for chunk in np.array_split(active, max(1, len(active) // 4000)):
+        indices = (_BLOCK * chunk[:, None, :] + inside[None]).reshape(-1, 3)
+        field[tuple(indices.T)] = outlines_distance(outlines, lattice.points(indices))
+    return field[:x, :y, :z]
+
+
+def _indices(shape: tuple[int, int, int]) -> Ints:
+    """(N, 3) of all points of a lattice, the last axis running fastest."""
+    return np.indices(shape).reshape(3, -1).T

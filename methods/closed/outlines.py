@@ -35,6 +35,11 @@ class SignedOutline:
     camera: Camera
     distance_px: Singles
 
+    @property
+    def plain(self) -> Outline:
+        """The outline as the rest of the house has it, to whole pixels."""
+        return Outline(self.camera, (self.distance_px > 0).astype(np.float64))
+
     def distances_px(self, points_world: Floats) -> Floats:
         """(N,) signed distances of the projections of world points (N, 3), pixels.
 

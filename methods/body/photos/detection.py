@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats, Mask
+from harness.core.arrays import Bytes, Floats, Mask
 from harness.core.artifacts import Capture
 from harness.core.files.hashing import file_sha256
 from harness.core.process.shared_work import Sharing, Work, alone
@@ -120,6 +120,22 @@ def detect(capture: Capture, views: Sequence[int], share: Sharing = alone) -> De
         ]
     finally:
         _forget_detector()
+    return _together(found)
+
+
+def detect_in(pictures: Sequence[Bytes]) -> Detections:
+    """Landmarks in pictures (H, W, 4) that are no files; as of ``detect``.
+
+    Raises:
+        MissingPart: MediaPipe is not installed.
+    """
+    try:
+        return _together([_read(picture) for picture in pictures])
+    finally:
+        _forget_detector()
+
+
+def _together(found: Sequence[Reading]) -> Detections:
     return Detections(
         pixels=np.array([reading.pixels for reading in found]),
         points_camera=np.array([reading.points_camera for reading in found]) @ _upright().T,
@@ -142,7 +158,10 @@ def _reading_of(path: Path, size: tuple[int, int]) -> Work[Reading]:
 @functools.lru_cache(maxsize=64)
 def _detect(file: PictureFile, size: tuple[int, int]) -> Reading:
     """Cached, because the method and the scorer of one cell ask the same."""
-    rgba = load_rgba(file.path, size)
+    return _read(load_rgba(file.path, size))
+
+
+def _read(rgba: Bytes) -> Reading:
     window = _window(rgba[..., 3] >= 128)
     found = combined(list(_readings(_detector(), window.cut(rgba))))
     if found is None:
