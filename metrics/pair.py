@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from harness.core.arrays import Floats, Ints
+from harness.core.camera import Camera
 from harness.core.errors import DataError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
@@ -17,6 +18,7 @@ from harness.core.protocol_stages import UNALIGNED, Aligned, Alignment, Frame
 from harness.core.settings import MetricProtocol
 from harness.core.units import MM_PER_METRE
 from harness.geometry.coinciding import merged_positions
+from harness.geometry.similarity import camera_similarity
 from harness.geometry.surface import SurfaceIndex, SurfacePoints, raycasting_scene, search_nearest
 from metrics.distance import Sampling, nearest_samples, sample_surface
 from metrics.normals import face_cosines, facing_faces
@@ -72,13 +74,38 @@ def aligned(predicted: Mesh, truth: SurfaceIndex, how: Alignment) -> Aligned:
         matrix, rounds = icp(vertices, readers_vertices(truth.mesh), how)
     else:
         matrix = _box_onto_box(predicted.bounds, truth.mesh.bounds, heights=how.by == "height")
+    return _told(how.by, matrix, rounds, predicted, truth, vertices)
+
+
+def aligned_by_cameras(
+    predicted: Mesh, truth: SurfaceIndex, found: Sequence[Camera], known: Sequence[Camera]
+) -> Aligned:
+    """The Sim(3) that takes the cameras of a prediction to the true ones, never by its surface.
+
+    Args:
+        predicted: In the world of ``found``.
+        truth: In that of ``known``.
+        found: Estimated cameras.
+        known: True ones of the same photos.
+
+    Raises:
+        MethodError: cameras that do not stand as the true ones do, or are mirrored.
+    """
+    matrix = camera_similarity(found, known).similarity.matrix
+    return _told("sim3-cameras", matrix, 0, predicted, truth, readers_vertices(predicted))
+
+
+def _told(
+    by: str, matrix: Floats, rounds: int, predicted: Mesh, truth: SurfaceIndex, vertices: Floats
+) -> Aligned:
+    """What a matrix does to a prediction and takes away."""
     if not np.isfinite(matrix).all():
         raise DataError(f"{predicted.source} cannot be aligned", got=str(matrix.tolist()))
     turned = np.linalg.det(matrix[:3, :3])
     some = vertices[:: max(1, len(vertices) // _LOOKED_AT)]
     moved = some @ matrix[:3, :3].T + matrix[:3, 3]
     return Aligned(
-        by=how.by,
+        by=by,
         matrix=tuple(tuple(map(float, row)) for row in matrix),
         scale=float(np.cbrt(abs(turned))),
         mirrored=bool(turned < 0),

@@ -34,6 +34,7 @@ from harness.cli.options import (  # fmt: skip
 )  # fmt: skip
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError
+from harness.core.files.names import CAMERAS
 from harness.core.protocol_scores import ProtocolScore
 from harness.core.settings import MetricProtocol
 from harness.core.typed_json import to_json
@@ -49,6 +50,7 @@ from harness.run.protocol_scores import score_protocols
 from harness.run.sealed import announce
 from harness.run.sources import ScanSet, Source
 from harness.run.store import RunStore
+from harness.run.uncalibrated import camera_suffix
 from harness.run.workspace import Workspace
 
 app = verb_group("eval")
@@ -71,6 +73,16 @@ Row = Annotated[
         metavar="NAME",
         help="With --set and one method: the name of its row in tables, so that several settings "
         "of one method can be compared in one run.",
+    ),
+]
+Cameras = Annotated[
+    str,
+    typer.Option(
+        "--cameras",
+        metavar="HOW",
+        help=f"How cameras are known: {', '.join(CAMERAS)}. Estimated ones are found from the "
+        "photos and their focal length (estimated-all: from the photos alone), rows are called "
+        "such as mexecon+-uncalibrated, and results are brought to the scan by their cameras.",
     ),
 ]
 Seeds = Annotated[
@@ -103,6 +115,7 @@ def evaluate(
     run: NewRun = "main",
     settings: Set = None,
     row: Row = "",
+    cameras: Cameras = "given",
     parts: Parts = OPEN,
     seed: Seed = 0,
     seeds: Seeds = "",
@@ -126,17 +139,16 @@ def evaluate(
 
     Missing photos are made first. Results that are there and current are kept, so the same command
     continues a run that was stopped. A result is current until something changes that its numbers
-    depend on: photos, scan, true body and labels, the code that is really used, the packages that
-    this code imports, settings, protocol or seed. --dry-run says what has changed. A good result is
-    never replaced because of a failure that is not the method's. Ctrl-C stops at once and leaves
-    nothing half done (exit code 130). The exit code is 1 when a subject failed.
+    depend on: photos, scan, true body and labels, code that is really used, the packages that it
+    imports, settings, protocol or seed; --dry-run says what. A good result is never replaced
+    because of a failure that is not the method's. Ctrl-C stops at once and leaves nothing half
+    done (exit code 130). The exit code is 1 when a subject failed.
     """
     checked, place = load_manifest(manifest), Workspace.default(workspace)
-    rules = checked.protocols_of(protocol)
-    where = Where(executor, cell, ray_address, slurm, timeout)
+    rules, suffix = checked.protocols_of(protocol), camera_suffix(cameras)
     request = EvalRequest(
-        source=Source.select(checked, place, dataset, split_names(subjects), recipe),
-        methods=_methods(place, split_names(method), parsed_settings(settings), row, parts),
+        source=Source.select(checked, place, dataset, split_names(subjects), recipe + suffix),
+        methods=_methods(place, method, settings, row, parts, suffix),
         protocol=rules[0],
         store=RunStore(place.run(run)),
         seed=seed,
@@ -145,7 +157,7 @@ def evaluate(
         reason=reason,
         timeout_s=limit_s(timeout),
         share=share,
-        executor=where.executor(place, jobs),
+        executor=Where(executor, cell, ray_address, slurm, timeout).executor(place, jobs),
     )
     if dry_run:
         _show_plan(request, seeds, as_json=as_json)
@@ -156,9 +168,10 @@ def evaluate(
 
 
 def _methods(
-    place: Workspace, names: tuple[str, ...], settings: dict[str, str], row: str, parts: str
+    place: Workspace, named: str, settings: list[str] | None, row: str, parts: str, suffix: str
 ) -> tuple[ChosenMethod, ...]:
-    return chosen_methods(names, settings, row, parsed_parts(parts), AddedMethods.of(place))
+    names, given = split_names(named), parsed_settings(settings)
+    return chosen_methods(names, given, row, parsed_parts(parts), AddedMethods.of(place), suffix)
 
 
 def _show_plan(request: EvalRequest, seeds: str, *, as_json: bool) -> None:

@@ -35,7 +35,7 @@ _MM, _DEG = Unit.millimetre.value, Unit.degree.value
 _NONE, _RATIO = Unit.none.value, Unit.ratio.value
 _PAPER = "MExECON, section Metrics"
 _PAPER_JMBO = "MExECON, section Joint Multi-view Body Optimization"
-_OURS = "metrics/body.py"
+_OURS, _CAMERAS = "metrics/body.py", "metrics/cameras.py"
 
 _DESCRIPTIONS = (
     MetricDescription(
@@ -94,6 +94,32 @@ _DESCRIPTIONS = (
         "silhouette_iou", "Silhouette IoU", "Silhouette IoU", _RATIO, 3, _OURS,
         "Intersection over union of the silhouettes of the fitted body and of the scan, mean over "
         "the views; more is better. A clothed scan's silhouette is larger than its true body's.",
+    ),
+    MetricDescription(
+        "camera_rotation", "Rotation", "Rotation", _DEG, 3, _CAMERAS,
+        "Mean angle between estimated and true relative rotations, over all pairs of photos.",
+    ),
+    MetricDescription(
+        "camera_direction", "Direction", "Direction", _DEG, 3, _CAMERAS,
+        "Mean angle between estimated and true directions from one camera of a pair to the other.",
+    ),
+    *(
+        MetricDescription(
+            f"camera_auc_{deg}", f"AUC at {deg}", f"AUC at {deg}", _RATIO, 3, _CAMERAS,
+            "Mean over all pairs of max(0, 1 - e / t) with e the larger of the pair's rotation and "
+            f"direction error, t = {deg} degrees; more is better.",
+        )
+        for deg in (1, 3, 5, 10)
+    ),
+    MetricDescription(
+        "camera_position", "Position", "Position", _MM, 1, _CAMERAS,
+        "Mean distance of the estimated camera centres from the true ones, after a Sim(3) by "
+        "cameras.",
+    ),
+    MetricDescription(
+        "camera_reprojection", "Reprojection", "Reprojection", Unit.pixel.value, 2, _CAMERAS,
+        "Root mean square distance between where estimated and true cameras see points of the "
+        "scan, after a Sim(3) by cameras.",
     ),
 )  # fmt: skip
 

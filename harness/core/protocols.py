@@ -23,6 +23,7 @@ class Privilege(StrEnum):
     """
 
     KNOWN_CAMERAS = "known_cameras"
+    FOCAL_LENGTH = "focal_length"
     EXACT_MASKS = "exact_masks"
     SUBJECT_CENTRE = "subject_centre"
     GENERATOR_PRIOR = "generator_prior"
@@ -46,6 +47,7 @@ class Privilege(StrEnum):
 
 _SENTENCES = {
     Privilege.KNOWN_CAMERAS: "The exact intrinsics and poses of the cameras are given.",
+    Privilege.FOCAL_LENGTH: "The focal length of the cameras is given, and not their poses.",
     Privilege.EXACT_MASKS: "The renderer's own coverage masks are given, not estimated ones.",
     Privilege.SUBJECT_CENTRE: (
         "The distance of the middle of the scan's bounding box is given, which fixes the depth "
@@ -57,7 +59,10 @@ _SENTENCES = {
     ),
     Privilege.TRUE_BODY: "The body model's parameters that were fitted to the scan are given.",
     Privilege.TRUE_NORMALS: "Normals of the data set are given in place of estimated ones.",
-    Privilege.ALIGNED: "The result was moved or scaled onto the scan before it was measured.",
+    Privilege.ALIGNED: (
+        "The result was moved or scaled onto the scan, or by its cameras onto the true ones, "
+        "before it was measured."
+    ),
     Privilege.ORACLE_NORMALS: "The scan's own normals are rendered into the method's views.",
     Privilege.GROUND_TRUTH_MESH: "The scan itself is given.",
     Privilege.MADE_ELSEWHERE: (

@@ -195,7 +195,7 @@ class Diagnostics:
     """What stands behind the means of a score."""
 
     alignment: str
-    """``none``: nothing is ever aligned."""
+    """``none``, or ``sim3-cameras``: by the cameras, where these were estimated."""
     predicted_to_truth: DistanceSummary
     truth_to_predicted: DistanceSummary
     f_score: Mapping[str, FScore]

@@ -17,4 +17,5 @@ class Unit(str, Enum):
     degree = "deg"
     ratio = "ratio"
     percent = "%"
+    pixel = "px"
     none = "1"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from harness.core.artifacts import Capture, NormalMaps, Scan
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.hashing import content_hash
+from harness.core.files.names import suffix_of
 from harness.core.files.npz import read_required_arrays, write_npz
 from harness.core.mesh import Mesh
 from harness.core.protocols import Privilege
@@ -157,7 +158,7 @@ def _first_complete(records: Sequence[Record], subjects: Sequence[str]) -> list[
 def _row(store: RunStore, source: Source, record: Record) -> NormalRow:
     views = load_normals(store.result(record, NORMALS_FILE))
     scan, truth = source.load(record.subject)
-    capture = source.capture(record.subject)
+    capture = replace(source, suffix=suffix_of(record.recipe)).capture(record.subject)
     require_scan(record, scan)
     require_photos(record, capture)
     # Maps count the photos as the method did.

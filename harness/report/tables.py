@@ -22,6 +22,7 @@ from reports.formats.programs import to_csv, to_json
 from reports.published.field import published_under
 from reports.published.table import published_differences, published_means
 from reports.statistics import bootstrap_ends
+from reports.tables.cameras import cameras_table
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 from reports.tables.jmbo import jmbo_table
@@ -55,6 +56,7 @@ TABLES: Mapping[str, Callable[..., Table]] = {
     "regions": regions_table,
     "normals": normals_table,
     "views": views_table,
+    "cameras": cameras_table,
 }
 #: Writer and file name extension by format.
 FORMATS: Mapping[str, tuple[Callable[[Table], str], str]] = {

@@ -30,6 +30,7 @@ from harness.run.method_choice import ChosenMethod
 from harness.run.publication import BODY_FILE, MESH_FILE, NORMALS_FILE, save_body, save_normals
 from harness.run.record_inputs import Inputs, environment, evaluated
 from harness.run.shared_results import SharedResults
+from harness.run.uncalibrated import as_given, brought, own_world, with_cameras
 from harness.run.view_choice import views_for
 
 #: What only a scan can lend.
@@ -93,7 +94,8 @@ class _Task:
 
     def _inputs(self, capture: Capture, scan: Scan | None) -> Inputs:
         method, seed = self.method, self.job.seed
-        return evaluated(method.info, method.module, capture, scan, self.protocol, seed)
+        info = as_given(method.info, capture)
+        return evaluated(info, method.module, capture, scan, self.protocol, seed)
 
     def carried_out(self) -> CellResult:
         """The method's result, written, and scored where there is a scan.
@@ -103,19 +105,23 @@ class _Task:
         """
         source, meter = self.job.source, StageMeter()
         truth = None if source.is_imported else Truth.read(*source.load(self.job.subject))
-        scores = Scores()
+        scores, moved = Scores(), dict[str, object]()
         try:
             share = self._sharing(meter)
             capture = self._capture()
-            chosen = views_for(self.method.info, capture)
-            result = self._reconstruction(chosen.capture, truth, meter, share)
+            own = own_world(capture)
+            chosen = views_for(self.method.info, own)
+            lends = None if own is not capture else truth
+            result = self._reconstruction(chosen.capture, lends, meter, share)
             self._require_planned_scoring(result)
             if truth is not None:
                 # Scoring is no cost of the method's.
                 others = self._sharing(StageMeter())
                 # On all photos, whichever of them the method was given.
                 every = capture.from_front()
+                result, moved = brought(result, capture, truth.mesh)
                 scores = scores_of(result, every, truth, self.protocol, others)
+                scores = with_cameras(scores, capture, truth.mesh)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except (Killed, WriteError) as error:
@@ -128,7 +134,7 @@ class _Task:
             scores=scores,
             stages=tuple(meter.stages),
             shared_work=_taken_over(share),
-            details={**result.details, **chosen.details},
+            details={**result.details, **chosen.details, **moved},
             files=self._written(result),
         )
 
@@ -198,7 +204,7 @@ def _taken_over(share: Sharing) -> tuple[str, ...]:
 
 
 def _nothing_lent(method: MethodInfo) -> dict[str, object]:
-    """What a method is lent where there is no scan: nothing.
+    """What a method is lent where there is no scan, or one in another world: nothing.
 
     Raises:
         MethodError: it cannot do without.
@@ -207,7 +213,7 @@ def _nothing_lent(method: MethodInfo) -> dict[str, object]:
     if needed:
         raise MethodError(
             f"method '{method.name}' is given the {' and '.join(needed)} of a scan",
-            got="imported photos, which have no scan",
+            got="photos in a world of their own: imported, or with estimated cameras",
             hint="Run a method that sees photos alone",
         )
     return {}

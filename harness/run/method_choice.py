@@ -8,7 +8,7 @@ from pathlib import PurePath
 from typing import Any
 
 from harness.core.errors import HarnessError, did_you_mean
-from harness.core.files.names import checked_name
+from harness.core.files.names import checked_name, suffix_of
 from harness.core.missing import METHOD_EXTRAS, absent_extras, not_installed
 from harness.core.process.registry import Installable
 from harness.core.process.source_digest import SourceTree
@@ -203,11 +203,12 @@ class ChosenMethod:
         if self.row == self.name:
             return info
         # A title goes into tables: of a file on this machine, only its name.
-        changed = ", ".join(
+        changed = [
             f"{name}={PurePath(value).name if value.startswith('/') else value}"
             for name, value in sorted(self.settings.items())
-        )
-        return replace(info, name=self.row, title=f"{info.title}, {changed}")
+        ]
+        told = [suffix.strip("-").replace("-", " ")] if (suffix := suffix_of(self.row)) else []
+        return replace(info, name=self.row, title=", ".join((info.title, *told, *changed)))
 
     def require_installed(self) -> None:
         """Nothing, if the method can run here.
@@ -242,7 +243,7 @@ def _check_row(row: str, settings: Mapping[str, str], added: AddedMethods | None
             expected="a name that no method has",
             hint="Choose another name for --as",
         )
-    if not settings:
+    if not settings and not suffix_of(row):
         raise HarnessError(
             f"row '{row}' is a method with other settings, and none is given",
             hint="Give --set NAME=VALUE, or leave --as out",
@@ -255,6 +256,7 @@ def chosen_methods(
     row: str = "",
     parts: PartChoice | None = None,
     added: AddedMethods | None = None,
+    suffix: str = "",
 ) -> tuple[ChosenMethod, ...]:
     """The methods of some names, all with the same settings, ready to run.
 
@@ -264,6 +266,7 @@ def chosen_methods(
         row: What the records of the only method are called, if not by its name.
         parts: Parts that a user chose; None leaves each method its own.
         added: Those of a workspace; None for none.
+        suffix: What is added to the name of each row that has none of its own.
 
     Raises:
         HarnessError: several methods for one row, or as ``ChosenMethod.of`` and
@@ -275,7 +278,8 @@ def chosen_methods(
         )
     chosen: list[ChosenMethod] = []
     for name in names:
-        method = ChosenMethod.of(name, settings, row, parts, added)
+        own = row or (name + suffix if suffix else "")
+        method = ChosenMethod.of(name, settings, own, parts, added)
         method.require_installed()
         chosen.append(method)
     return tuple(chosen)

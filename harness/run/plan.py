@@ -19,6 +19,7 @@ from harness.run.record_inputs import Inputs, made_from, method_code
 from harness.run.sources import Source
 from harness.run.store import CellFolder, RunStore
 from harness.run.task import Executor
+from harness.run.uncalibrated import as_given
 
 #: ``read(module, privileges)``, as ``method_code``.
 ReadCode = Callable[[str, tuple[Privilege, ...]], SourceDigest]
@@ -136,7 +137,7 @@ class EvalRequest:
         Raises:
             HarnessError: a part of the method is gone, or its source code is missing.
         """
-        info, subject = method.info, files.capture.subject
+        info, subject = as_given(method.info, files.capture), files.capture.subject
         code = read(method.module, info.privileges)
         inputs = made_from(info, code, files.capture, files.scan, self.protocol, self.seed)
         folder = self.store.cell(method.row, subject)

@@ -184,12 +184,13 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
 
 
 def require_photos(record: Record, capture: Capture) -> None:
-    """Nothing, if these are the photos that a record's method saw.
+    """Nothing, if these are the photos that a record's method saw, with whichever cameras.
 
     Raises:
         DataError: others were made since.
     """
-    if record.capture.key and record.capture.key != capture.key:
+    key = record.capture.key
+    if key and record.recipe == capture.recipe and key != capture.key:
         raise _made_anew(record, "photos")
 
 

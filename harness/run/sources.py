@@ -11,7 +11,8 @@ from pathlib import Path
 from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.atomic import exclusive_lock
-from harness.core.files.names import checked_name
+from harness.core.files.hashing import content_hash
+from harness.core.files.names import checked_name, suffix_of
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import listed_differences
 from harness.core.process.threads import StepReport
@@ -20,6 +21,7 @@ from harness.data.generators import Generator, generator, is_installed
 from harness.data.manifest import Dataset, Manifest, load_manifest
 from harness.data.subjects import fit_of, load_subject, locate_subject
 from harness.run.fitted_truth import with_fitted_body
+from harness.run.uncalibrated import estimate_inputs, estimated_capture
 from harness.run.workspace import Workspace
 from renderers.capture import CaptureInputs, capture
 
@@ -85,6 +87,7 @@ class Source:
         name: Dataset's name, never a split's.
         subjects: Ids.
         recipe: How they are photographed; None for imported photos.
+        suffix: What names say of how cameras are known, as in ``CAMERAS``.
     """
 
     manifest_path: Path
@@ -92,6 +95,7 @@ class Source:
     name: str
     subjects: tuple[str, ...]
     recipe: RenderRecipe | None
+    suffix: str = ""
 
     @classmethod
     def select(
@@ -104,13 +108,21 @@ class Source:
     ) -> Source:
         """The source behind what a user named: dataset or split, some subjects, a recipe.
 
-        Imported photos are as they are, whatever the recipe.
+        Imported photos are as they are, whatever the recipe. A recipe's name with one of the
+        suffixes of ``CAMERAS`` is that recipe with its cameras withheld and estimated.
         """
         name, found, chosen = manifest.select(dataset, subjects)
         if found.kind == "captures":
+            if suffix := suffix_of(recipe):
+                raise HarnessError(
+                    f"imported photos with cameras {suffix.strip('-')}",
+                    hint="How the cameras of imported photos are known is said at their import",
+                )
             imported = chosen or imported_subjects(workspace, name)
             return cls(manifest.path.resolve(), workspace, name, imported, None)
-        return cls(manifest.path.resolve(), workspace, name, chosen, manifest.recipe(recipe))
+        suffix = suffix_of(recipe)
+        rule = manifest.recipe(recipe.removesuffix(suffix))
+        return cls(manifest.path.resolve(), workspace, name, chosen, rule, suffix)
 
     @property
     def manifest(self) -> Manifest:
@@ -147,7 +159,12 @@ class Source:
     @property
     def recipe_name(self) -> str:
         """The name of the recipe, or what stands in its place for imported photos."""
-        return IMPORTED if self.recipe is None else self.recipe.name
+        return IMPORTED if self.recipe is None else self.recipe.name + self.suffix
+
+    @property
+    def calibrated(self) -> Source:
+        """The same with the cameras that its recipe gives."""
+        return replace(self, suffix="")
 
     @property
     def render_recipe(self) -> RenderRecipe:
@@ -256,23 +273,39 @@ class Source:
         """
         if self.is_imported:
             return imported_state(self.capture_directory(subject))
-        if self.is_generated and not self.avatar_is_current(subject):
-            return "missing", "avatar has to be made"
+        if waits := self._waits(subject):
+            return waits
         directory = self.capture_directory(subject)
         if not (directory / "capture.json").is_file():
-            return "missing", "not rendered yet"
+            return "missing", "cameras not estimated yet" if self.suffix else "not rendered yet"
         try:
             found = Capture.load(directory)
         except DataError as error:
             return "stale", str(error)
         before: Mapping[str, object] = found.provenance.get("inputs", {})
-        # Photos of another device are as good, but not the same: theirs is part of their key.
-        device = str(before.get("device", ""))
-        now = CaptureInputs.of(self.locate(subject), self.render_recipe, device)
-        if found.key != now.key:
-            return "stale", f"changed: {listed_differences(before, now.to_dict())}"
+        now = self._inputs(subject, before)
+        if found.key != content_hash(now):
+            return "stale", f"changed: {listed_differences(before, now)}"
         damage = found.damage()
         return ("stale", damage) if damage else ("cached", "")
+
+    def _waits(self, subject: str) -> tuple[str, str] | None:
+        """The state of what photos are made from, where that is not there."""
+        if self.suffix:
+            state = self.calibrated.capture_state(subject)
+            return None if state[0] == "cached" else state
+        if self.is_generated and not self.avatar_is_current(subject):
+            return "missing", "avatar has to be made"
+        return None
+
+    def _inputs(self, subject: str, before: Mapping[str, object]) -> dict[str, object]:
+        """What the subject's photos would be made from now, on the device of those before."""
+        if self.suffix:
+            photos = Capture.load(self.calibrated.capture_directory(subject))
+            return estimate_inputs(photos, self.suffix)
+        # Photos of another device are as good, but not the same: theirs is part of their key.
+        device = str(before.get("device", ""))
+        return CaptureInputs.of(self.locate(subject), self.render_recipe, device).to_dict()
 
     def ensure_capture(self, subject: str, report: StepReport) -> Capture:
         """The subject's photos, rendered now if they are not there or stale.
@@ -282,6 +315,8 @@ class Source:
         """
         if self.is_imported:
             return self.imported(subject)
+        if self.suffix:
+            return self._ensure_estimate(subject, report)
         if self.is_generated:
             self.make_avatar(subject)
         directory, recipe = self.capture_directory(subject), self.render_recipe
@@ -289,6 +324,15 @@ class Source:
             if self.capture_state(subject)[0] != "cached":
                 scan, mesh = self.load(subject)
                 capture(scan, mesh, recipe, directory, report, self._exact_photos(subject))
+            return Capture.load(directory)
+
+    def _ensure_estimate(self, subject: str, report: StepReport) -> Capture:
+        photos = self.calibrated.ensure_capture(subject, report)
+        directory = self.capture_directory(subject)
+        with exclusive_lock(directory.parent / f".{self.recipe_name}.lock"):
+            if self.capture_state(subject)[0] != "cached":
+                _, mesh = self.load(subject)
+                estimated_capture(photos, mesh, self.recipe_name, directory, report)
             return Capture.load(directory)
 
     def imported(self, subject: str) -> Capture:

@@ -17,7 +17,8 @@ from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.settings import configured, rooms_of
 from harness.files.mesh_files import save_mesh
 from harness.geometry.photo import Photo, open_photo
-from methods.points.alignment import camera_similarity, moved_onto
+from harness.geometry.similarity import camera_similarity
+from methods.points.alignment import moved_onto
 from methods.points.filtering import (
     AlignSettings,
     KeepSettings,

@@ -18,7 +18,8 @@ from harness.core.protocols import Part, Privilege
 from harness.core.settings import check_range
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
-from methods.points.alignment import ALIGNMENTS, Similarity
+from harness.geometry.similarity import Similarity
+from methods.points.alignment import ALIGNMENTS
 from methods.points.cloud import Frame
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import canonical_json
+from harness.core.files.names import suffix_of
 from harness.core.protocols import MethodInfo, Privilege
 from harness.core.records import ProtocolStamp, Record
 from reports.tables.table import Cell, Column, Row, Table
@@ -149,7 +150,7 @@ def select(
     by_method = {name: _by_subject(chosen, name) for name in order}
     return Selection(
         dataset=first.dataset,
-        recipe=next((record.recipe for record in chosen if record.recipe), ""),
+        recipe=next((_photos(record) for record in chosen if record.recipe), ""),
         protocol=first.protocol,
         subjects=tuple(wanted),
         groups=tuple(_group(name, by_method[name], wanted) for name in order),
@@ -171,14 +172,20 @@ def check_comparable(records: Sequence[Record]) -> None:
     _check_same("dataset", [(record.dataset, record) for record in records])
     _check_same("metric protocol", [(record.protocol.text, record) for record in records])
     # A mesh made elsewhere has no photos of ours; its row says so instead.
-    _check_same("recipe", [(record.recipe, record) for record in records if record.recipe])
-    for subject in {record.subject for record in records}:
+    _check_same("recipe", [(_photos(record), record) for record in records if record.recipe])
+    # Of the same photos, rows may have the cameras given and others estimated.
+    for subject, recipe in {(record.subject, record.recipe) for record in records}:
         captures = [
             (record.capture.key, record)
             for record in records
-            if record.subject == subject and record.capture.key
+            if (record.subject, record.recipe) == (subject, recipe) and record.capture.key
         ]
         _check_same(f"capture of {subject}", captures)
+
+
+def _photos(record: Record) -> str:
+    """The recipe, whether or not its cameras were given."""
+    return record.recipe.removesuffix(suffix_of(record.recipe))
 
 
 def _check_same(what: str, values: Sequence[tuple[str, Record]]) -> None:

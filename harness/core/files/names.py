@@ -20,6 +20,15 @@ NAME_RULE = (
     "with a letter, digit or _ first and no two dots together"
 )
 
+#: How cameras are known, by what ``--cameras`` says, and what it adds to the names of rows and
+#: recipes: the recipe's own; estimated with the focal length given; that estimated, too.
+CAMERAS = {"given": "", "estimated": "-uncalibrated", "estimated-all": "-uncalibrated-all"}
+
+
+def suffix_of(name: str) -> str:
+    """What of a row's or a recipe's name says that cameras were estimated; empty if nothing."""
+    return next((each for each in CAMERAS.values() if each and name.endswith(each)), "")
+
 
 def is_name(text: str) -> bool:
     """Whether a text may be a name."""

@@ -14,6 +14,7 @@ from harness.core.camera import Camera
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
+from harness.geometry.similarity import Similarity
 from harness.geometry.surface import SurfaceIndex
 from harness.run.method_choice import ChosenMethod, catalogued_methods, chosen_methods
 from methods.feedforward import source as memory
@@ -24,7 +25,6 @@ from methods.foreign.interpreter import Interpreter
 from methods.foreign.method_file import read_worker
 from methods.foreign.running import asked
 from methods.from_points.feedforward import vggt2, vggt8
-from methods.points.alignment import Similarity
 from methods.points.cloud import fitted_frame, fitted_picture
 from tests.fork_server import ForkServer
 from tests.unit.methods.feedforward.conftest import write_answer

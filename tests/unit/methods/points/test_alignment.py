@@ -10,7 +10,7 @@ import pytest
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.rigs import RingRig
-from methods.points.alignment import Similarity, camera_similarity, point_similarity
+from harness.geometry.similarity import Similarity, camera_similarity, point_similarity
 
 CAMERAS = RingRig(pitch_deg=0.0).cameras(108, 192)
 

@@ -7,7 +7,14 @@ from pathlib import Path
 import pytest
 
 from harness.core.errors import HarnessError
-from harness.core.records import AngularErrors, AngularPair, NormalMapErrors, RegionErrors
+from harness.core.metric_catalog import METRICS
+from harness.core.records import (
+    AngularErrors,
+    AngularPair,
+    MetricValue,
+    NormalMapErrors,
+    RegionErrors,
+)
 from harness.report.tables import (
     FORMATS,
     TABLES,
@@ -17,6 +24,7 @@ from harness.report.tables import (
     write_tables,
 )
 from harness.run.store import RunStore
+from reports.tables.cameras import CAMERA_METRICS
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 HEAD = RegionErrors(
@@ -31,7 +39,11 @@ HEAD = RegionErrors(
 )
 PIXELS = AngularErrors(9.0, 7.0, 0.9, 0.9, 0.9, n=10)
 MAPS = (NormalMapErrors(0, 0.0, "near", None, AngularPair(PIXELS, PIXELS), None),)
-LABELLED = [replace(r, regions={"head": HEAD}, normal_maps=MAPS) for r in RECORDS]
+CAMERAS = {name: MetricValue(0.5, METRICS[name].unit, 28, 0.0) for name in CAMERA_METRICS}
+LABELLED = [
+    replace(r, regions={"head": HEAD}, normal_maps=MAPS, metrics={**r.metrics, **CAMERAS})
+    for r in RECORDS
+]
 OURS = [record for record in RECORDS if record.method_name in ("hull8", "gt")]
 
 

@@ -1,0 +1,213 @@
+"""Photos whose cameras were estimated: made of a data set's photos, seen and scored honestly.
+
+The cameras are withheld and found again from the photos. A method works in the world that was
+found with them, as it would with a user's photos; what it makes is brought to the scan by the
+Sim(3) that takes the found cameras to the true ones, never by its surface.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harness.core.artifacts import Body, Capture, Reconstruction, image_name
+from harness.core.camera import Camera
+from harness.core.camera_frames import write_transforms_json
+from harness.core.errors import HarnessError, did_you_mean
+from harness.core.files.atomic import atomic_directory, write_json
+from harness.core.files.hashing import content_hash, file_sha256
+from harness.core.files.names import CAMERAS, suffix_of
+from harness.core.mesh import Mesh
+from harness.core.process.source_digest import SourceTree
+from harness.core.process.threads import StepReport
+from harness.core.protocols import MethodInfo, Privilege
+from harness.core.records import Scores
+from harness.core.typed_json import to_json
+from harness.geometry.images import load_rgba
+from harness.geometry.similarity import Similarity, camera_similarity
+from harness.geometry.surface import SurfaceIndex
+from methods.cameras.estimate import estimate_cameras
+from methods.cameras.values import EstimatedCameras, Focal, PhotoView
+from metrics.cameras import camera_errors
+from metrics.pair import aligned_by_cameras
+
+#: Where a capture tells of its estimate.
+ESTIMATE = "estimate"
+_SEED = 0
+#: So many of the scan's vertices, about, are projected.
+_POINTS = 2000
+
+
+def camera_suffix(text: str) -> str:
+    """What ``--cameras`` adds to names.
+
+    Raises:
+        HarnessError: it is none of the words it can be.
+    """
+    if text not in CAMERAS:
+        hint = did_you_mean(text, CAMERAS)
+        raise HarnessError(f"--cameras {text}", expected=" or ".join(CAMERAS), hint=hint)
+    return CAMERAS[text]
+
+
+def estimate_inputs(photos: Capture, suffix: str) -> dict[str, object]:
+    """Everything that an estimate depends on; its hash is the key of the capture."""
+    code = SourceTree.installed().digest([__name__], [SourceTree.__module__])
+    return {
+        "photos": photos.key,
+        "cameras": suffix,
+        "seed": _SEED,
+        "code": dict(code.modules),
+        "packages": dict(code.packages),
+    }
+
+
+def estimated_capture(
+    photos: Capture, mesh: Mesh, recipe: str, directory: Path, report: StepReport
+) -> Capture:
+    """A capture of the same photos with estimated cameras, in place of ``directory``.
+
+    Its cameras are brought to the scan's world; ``own_world`` gives those that were found.
+
+    Args:
+        photos: With the true cameras, or with those that a calibration gave.
+        mesh: The scan, whose height is told as a person's is: to a centimetre.
+        recipe: Its recipe's name, which says how cameras are known.
+        directory: Receives ``capture.json``, ``transforms.json`` and ``rgb/``.
+        report: Called after every step.
+
+    Raises:
+        MethodError: no cameras can be trusted of these photos.
+        MissingPart: MediaPipe is not installed.
+    """
+    inputs = estimate_inputs(photos, suffix_of(recipe))
+    found, told = _estimated(photos, mesh, suffix_of(recipe), report)
+    kept = [view for view, camera in enumerate(found.cameras) if camera is not None]
+    own = [camera for camera in found.cameras if camera is not None]
+    known = [_true_cameras(photos)[view] for view in kept]
+    move = camera_similarity(own, known).similarity
+    x, _, z = move.rotation[:, 2]  # where the person faces
+    left_out = tuple(f"{name} was left out: {why}" for name, why in found.left_out)
+    images = [image_name(number) for number in range(len(kept))]
+    with atomic_directory(directory) as folder:
+        for view, name in zip(kept, images, strict=True):
+            (folder / name).parent.mkdir(exist_ok=True)
+            shutil.copyfile(photos.image_path(view), folder / name)
+        told |= {
+            "own_to_world": move.matrix.tolist(),
+            "own_cameras": [camera.to_dict() for camera in own],
+            "known_cameras": [camera.to_dict() for camera in known],
+        }
+        hashes = {name: file_sha256(folder / name) for name in images}
+        made = replace(
+            photos,
+            recipe=recipe,
+            key=content_hash(inputs),
+            directory=directory,
+            cameras=tuple(move.camera(camera) for camera in own),
+            front_yaw_deg=math.degrees(math.atan2(x, z)),
+            warnings=(*photos.warnings, *found.warnings, *left_out),
+            provenance={**photos.provenance, "inputs": inputs, ESTIMATE: told, "images": hashes},
+        )
+        write_transforms_json(folder / "transforms.json", made.cameras, images)
+        write_json(folder / "capture.json", made.to_dict())
+    return made
+
+
+def _estimated(
+    photos: Capture, mesh: Mesh, suffix: str, report: StepReport
+) -> tuple[EstimatedCameras, dict[str, object]]:
+    """The cameras in a world of their own, and what a capture tells of them."""
+    views = [
+        PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
+        for view in range(len(photos.cameras))
+    ]
+    focal = Focal.unknown(views)
+    if suffix == CAMERAS["estimated"]:
+        focal = Focal(tuple(float(camera.K[0, 0]) for camera in photos.cameras))
+    height_m = round(float(mesh.extent[1]), 2)
+    found = estimate_cameras(views, focal=focal, height_m=height_m, seed=_SEED, report=report)
+    given = "given" if focal.is_given else "found"
+    return found, {"focal": given, "height_m": height_m, **found.to_dict()}
+
+
+def _true_cameras(photos: Capture) -> tuple[Camera, ...]:
+    """The exact ones, where methods are given what a calibration finds."""
+    exact = photos.provenance.get("exact_cameras")
+    return tuple(map(Camera.from_dict, exact)) if exact else photos.cameras
+
+
+def as_given(method: MethodInfo, capture: Capture) -> MethodInfo:
+    """What a method says of itself, with the privileges that it has on these photos."""
+    estimate: Mapping[str, Any] | None = capture.provenance.get(ESTIMATE)
+    if estimate is None:
+        return method
+    instead = [Privilege.FOCAL_LENGTH] if estimate["focal"] == "given" else []
+    instead += [Privilege.ALIGNED] if "own_to_world" in estimate else []
+    rest = [each for each in method.privileges if each != Privilege.KNOWN_CAMERAS]
+    return replace(method, privileges=tuple(dict.fromkeys((*instead, *rest))))
+
+
+def own_world(capture: Capture) -> Capture:
+    """The capture as a method is given it: with the cameras as they were found, where they were."""
+    estimate: Mapping[str, Any] = capture.provenance.get(ESTIMATE, {})
+    if "own_to_world" not in estimate:
+        return capture
+    cameras = tuple(map(Camera.from_dict, estimate["own_cameras"]))
+    return replace(capture, cameras=cameras, front_yaw_deg=0.0)
+
+
+def brought(
+    result: Reconstruction, capture: Capture, truth: Mesh
+) -> tuple[Reconstruction, dict[str, object]]:
+    """What a method made of ``own_world``, brought to the scan by the Sim(3) of the cameras.
+
+    With what a record says of it: nothing where cameras were given. A body's own parameters, which
+    place it in the world that was found, stay.
+    """
+    if own_world(capture) is capture:
+        return result, {}
+    own, known = _found_and_true(capture)
+    aligned = aligned_by_cameras(result.mesh, SurfaceIndex(truth), own, known)
+    move = Similarity.of(np.array(aligned.matrix))
+    moved = replace(
+        result,
+        mesh=result.mesh.transformed(move.matrix),
+        body=result.body and _moved_body(result.body, move),
+        normals=tuple(replace(each, camera=move.camera(each.camera)) for each in result.normals),
+    )
+    return moved, {"brought_to_scan": to_json(aligned)}
+
+
+def _moved_body(body: Body, move: Similarity) -> Body:
+    marks = body.landmarks
+    return replace(
+        body,
+        vertices=move.points(body.vertices),
+        joints=move.points(body.joints),
+        landmarks=marks and replace(marks, points=move.points(marks.points)),
+    )
+
+
+def with_cameras(scores: Scores, capture: Capture, truth: Mesh) -> Scores:
+    """The scores with the errors of the capture's estimated cameras, where they were estimated."""
+    if own_world(capture) is capture:
+        return scores
+    points = truth.vertices[:: max(1, len(truth.vertices) // _POINTS)]
+    errors = camera_errors(*_found_and_true(capture), points)
+    diagnostics = scores.diagnostics and replace(scores.diagnostics, alignment="sim3-cameras")
+    return replace(scores, metrics={**scores.metrics, **errors}, diagnostics=diagnostics)
+
+
+def _found_and_true(capture: Capture) -> tuple[tuple[Camera, ...], tuple[Camera, ...]]:
+    estimate = capture.provenance[ESTIMATE]
+    own, known = (
+        tuple(map(Camera.from_dict, estimate[name])) for name in ("own_cameras", "known_cameras")
+    )
+    return own, known
