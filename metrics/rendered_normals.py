@@ -107,12 +107,13 @@ class Portraits:
         image[tuple(sharp.T)] = known
         beside = np.stack(np.nonzero(_beside_steps(image)), axis=1)
         shift = np.zeros((_SIDE, _SIDE, 2))
-        for angle in np.arange(8) * np.pi / 4:
-            moved = np.tile(blur * np.array([np.sin(angle), np.cos(angle)]), (len(beside), 1))
-            found = self._depth(yaw_deg, beside, moved)
+        angles = np.arange(8) * np.pi / 4
+        around = blur * np.stack([np.sin(angles), np.cos(angles)], axis=1)
+        of_all = np.tile(beside, (8, 1)), np.repeat(around, len(beside), axis=0)
+        for found, moved in zip(self._depth(yaw_deg, *of_all).reshape(8, -1), around, strict=True):
             nearer = found < image[tuple(beside.T)] - _STEP
             chosen = tuple(beside[nearer].T)
-            image[chosen], shift[chosen] = found[nearer], moved[nearer]
+            image[chosen], shift[chosen] = found[nearer], moved
         pixels = np.stack(np.nonzero(np.isfinite(image)), axis=1)
         return pixels, shift[tuple(pixels.T)], image[tuple(pixels.T)]
 
@@ -156,15 +157,18 @@ class Portraits:
     def _by_angle(self) -> tuple[Floats, Ints]:
         """(K, 3) smooth unit normals in which faces weigh by angle, and each corner's number."""
         mesh, group = self._surface.mesh, self._surface.corners
-        points: Floats = mesh.vertices[mesh.faces]
-        ahead = _unit(np.roll(points, -1, axis=1) - points)
-        angles = np.arccos(np.clip(-(ahead * np.roll(ahead, 1, axis=1)).sum(axis=2), -1.0, 1.0))
-        corners, count = group.ravel(), int(group.max()) + 1
-        sums = [
-            np.bincount(corners, (angles * axis[:, None]).ravel(), count)
-            for axis in _unit(self._surface.face_vectors).T
+        first, second, third = (mesh.vertices[corner] for corner in mesh.faces.T)
+        ahead = _unit(second - first), _unit(third - second), _unit(first - third)
+        angles = [
+            np.arccos(np.clip(-np.einsum("ij,ij->i", ahead[k], ahead[k - 1]), -1.0, 1.0))
+            for k in range(3)
         ]
-        return _unit(np.stack(sums, axis=1).astype(np.float64)), group
+        count, normals = int(group.max()) + 1, _unit(self._surface.face_vectors)
+        sums = [
+            sum(np.bincount(group[:, k], angles[k] * axis, count) for k in range(3))
+            for axis in normals.T
+        ]
+        return _unit(np.stack(sums, axis=1)), group
 
 
 def _axes(yaw_deg: float) -> Floats:
@@ -185,8 +189,7 @@ def _beside_steps(depth: Floats) -> Mask:
 
 def _weighted(values: Floats, corners: Ints, weights: Floats) -> Floats:
     """(N, 3) sums of the values at (N, 3) corners."""
-    first, second, third = (weights[:, [k]] * values[corners[:, k]] for k in range(3))
-    return first + second + third
+    return np.einsum("nk,nkc->nc", weights, values[corners])
 
 
 def _unit(vectors: Floats) -> Floats:

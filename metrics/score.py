@@ -300,10 +300,11 @@ def _doubts(pair: Pair, protocol: MetricProtocol, misplaced: Misplaced) -> tuple
     # A few points would not tell a turn from their own scatter.
     rule = protocol if protocol.samples >= _TELLING else replace(protocol, **_TURN_SAMPLES)
     mine, true, ratio = pair.mine, pair.true, protocol.minimum_scale_ratio
+    drawn = rule.samples, rule.sampling, rule.seed
     try:
         check_scale_and_place(mine.index, true.index, ratio)
         points = mine.samples(rule).points, true.samples(rule).points
-        turns = check_turn(*points, mine.index, true.index)
+        turns = pair.once(("turn", *drawn), lambda: check_turn(*points, mine.index, true.index))
     except DataError as error:
         if misplaced == "refuse":
             raise

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from harness.core.arrays import Floats, Mask
+from harness.core.arrays import Floats, Ints, Mask
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import derive_seed
 from harness.core.protocol_stages import Column
@@ -15,12 +15,15 @@ from harness.core.records import MetricValue
 from harness.core.settings import MetricProtocol
 from harness.core.units import Unit
 from harness.geometry.surface import SurfaceIndex
+from harness.geometry.topology import half_edges
 from metrics.distance import harmonic_mean, mean_of_directions, nearest_samples, sample_mean
 from metrics.normals import angles_deg, compared, normals_at, weighted
 from metrics.pair import Placed
 from metrics.rendered_normals import Window, rendered_distance
 
 _POINTS, _BATCH = 1_000_000, 250_000
+#: So many cells, about, part the space around a surface, and so many at most along an axis.
+_CELLS, _MOST_ALONG, _ROUNDED = 2_000_000, 512, 1e-3
 #: Along no axis of a scan or a grid, so that a ray meets edges by chance only.
 _DIRECTION = np.array([0.3713, 0.8127, 0.4489]) / np.linalg.norm([0.3713, 0.8127, 0.4489])
 
@@ -47,10 +50,59 @@ def volume_iou(predicted: SurfaceIndex, truth: SurfaceIndex, seed: int) -> Metri
 
 
 def inside(surface: SurfaceIndex, points: Floats) -> Mask:
-    """(N,) whether the winding number of a closed surface around (N, 3) points is not 0."""
+    """(N,) whether the winding number of a closed surface around (N, 3) points is not 0.
+
+    It is the same all over a room of cells that no face touches: one ray tells. Only points in
+    cells with faces need rays of their own.
+    """
     found = np.zeros(len(points), dtype=bool)
-    could = ((points >= surface.bounds[0]) & (points <= surface.bounds[1])).all(axis=1)
-    for chosen in np.array_split(np.flatnonzero(could), -(-len(points) // _BATCH)):
+    chosen = np.flatnonzero(
+        ((points >= surface.bounds[0]) & (points <= surface.bounds[1])).all(axis=1)
+    )
+    room_of, first, cell_m = _rooms(surface)
+    cells = ((points[chosen] - surface.bounds[0]) / cell_m).astype(np.int64)
+    room = room_of[tuple(cells.T)]
+    middles = np.stack(np.unravel_index(first, room_of.shape), axis=1) + 0.5
+    found[chosen] = _wound(surface, surface.bounds[0] + middles * cell_m)[room]
+    near = chosen[room == 0]
+    found[near] = _wound(surface, points[near])
+    return found
+
+
+def _rooms(surface: SurfaceIndex) -> tuple[Ints, Ints, float]:
+    """Cells around a surface: the room that each is in, from 1, and 0 where a face touches it.
+
+    Also a cell of each room, by its place among all, and the side of a cell, metres.
+    """
+    from scipy.ndimage import label
+
+    extent = surface.extent
+    cell_m = max(np.cbrt(extent.prod() / _CELLS), float(extent.max()) / _MOST_ALONG)
+    vertices = (surface.mesh.vertices - surface.bounds[0]) / cell_m
+    first, second, third = (vertices[corner] for corner in surface.mesh.faces.T)
+    # A little more than a face's box, for rays round.
+    low = np.minimum(np.minimum(first, second), third) - _ROUNDED
+    low = np.maximum(low, 0).astype(np.int64)
+    high = (np.maximum(np.maximum(first, second), third) + _ROUNDED).astype(np.int64)
+    free = np.ones(tuple((extent / cell_m + _ROUNDED).astype(np.int64) + 1), dtype=bool)
+    wide = ((high - low) > 1).any(axis=1)
+    steps = np.array([free.shape[1] * free.shape[2], free.shape[2], 1])
+    cells, spans = (low @ steps)[~wide], ((high - low) * steps)[~wide].T
+    for chosen in np.ndindex(2, 2, 2):
+        free.ravel()[cells + sum(np.compress(chosen, spans, axis=0))] = False
+    for (x, y, z), (right, top, front) in zip(low[wide], high[wide], strict=True):
+        free[x : right + 1, y : top + 1, z : front + 1] = False
+    room_of, count = label(free)
+    first = np.zeros(count + 1, dtype=np.int64)
+    flat = room_of.ravel()
+    first[flat[::-1]] = np.arange(len(flat))[::-1]
+    return room_of, first, cell_m
+
+
+def _wound(surface: SurfaceIndex, points: Floats) -> Mask:
+    """(N,) whether the crossings of a ray from each point, out and in, do not cancel."""
+    found = np.zeros(len(points), dtype=bool)
+    for chosen in np.array_split(np.arange(len(points)), -(-len(points) // _BATCH)):
         ray, _, faces, _ = surface.crossings(points[chosen], _DIRECTION)
         outwards = np.sign(surface.face_vectors[faces] @ _DIRECTION)
         found[chosen] = np.bincount(ray, outwards, len(chosen)).round() != 0
@@ -63,18 +115,20 @@ def check_closed(surface: SurfaceIndex) -> None:
     Raises:
         DataError: the message counts them.
     """
-    faces = surface.corners.astype(np.int64)
-    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    low, high = edges.min(axis=1), edges.max(axis=1)
-    _, which = np.unique(low * (int(high.max()) + 1) + high, return_inverse=True)
-    open_edges = np.bincount(which, np.where(edges[:, 0] == low, 1, -1) * (low != high)).round()
-    if count := int((open_edges != 0).sum()):
-        raise DataError(
-            f"{surface.mesh.source} has no volume",
-            expected="a closed surface",
-            got=f"{count} open edges",
-            hint="Distances need no closed surface",
-        )
+    start, end = half_edges(surface.corners)
+    count = int(start.max()) + 1
+    there, back = start * count + end, end * count + start
+    along, against = np.sort(there[start < end]), np.sort(back[start > end])
+    if np.array_equal(along, against):
+        return
+    _, which = np.unique(np.concatenate([along, against]), return_inverse=True)
+    sides = np.repeat([1, -1], [len(along), len(against)])
+    raise DataError(
+        f"{surface.mesh.source} has no volume",
+        expected="a closed surface",
+        got=f"{int((np.bincount(which, sides) != 0).sum())} open edges",
+        hint="Distances need no closed surface",
+    )
 
 
 def box_iou(predicted: Floats, truth: Floats) -> float:

@@ -180,6 +180,8 @@ class SurfaceIndex:
         """The same surface with smooth normals that end at texture seams, or do not."""
         if seams == self._split_seams:
             return self
+        # What both share is made once.
+        _ = self.doubles, self._scene
         other = copy(self)
         other.__dict__.update(_split_seams=seams)
         other.__dict__.pop("_smooth", None)

@@ -5,7 +5,7 @@ import pytest
 
 from harness.core.mesh import Mesh
 from harness.geometry.surface import SurfaceIndex, vertex_normals
-from metrics.distance import _morton_codes, sample_mean, sample_surface
+from metrics.distance import morton_codes, sample_mean, sample_surface
 
 SAMPLINGS = ["independent", "stratified"]
 
@@ -83,11 +83,11 @@ def slow_morton_code(cell):
     return sum(((int(cell[i % 3]) >> (i // 3)) & 1) << i for i in range(63))
 
 
-def test_morton_codes_agree_with_the_slow_twin():
+def testmorton_codes_agree_with_the_slow_twin():
     points = np.random.default_rng(0).random((200, 3))
     points[:2] = [[0, 0, 0], [1, 1, 1]]
     cells = np.floor(points * (2**21 - 1)).astype(int)
-    assert _morton_codes(points).tolist() == [slow_morton_code(cell) for cell in cells]
+    assert morton_codes(points).tolist() == [slow_morton_code(cell) for cell in cells]
 
 
 @pytest.mark.parametrize("sampling", SAMPLINGS)
