@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from harness.geometry.surface import SurfaceIndex
 from metrics.distance import (
@@ -32,6 +33,14 @@ def test_nearest_samples_agree_with_brute_force():
     distances, which = nearest_samples(points, targets)
     np.testing.assert_allclose(distances, slow_nearest(points, targets))
     np.testing.assert_allclose(np.linalg.norm(points - targets[which], axis=1), distances)
+
+
+def test_nearest_samples_are_scipys_to_the_last_bit():
+    random = np.random.default_rng(0)
+    points, targets = random.normal(size=(2, 20_000, 3))
+    expected = KDTree(targets).query(points)
+    for found, value in zip(nearest_samples(points, targets), expected, strict=True):
+        np.testing.assert_array_equal(found, value)
 
 
 def test_chamfer_is_the_mean_of_both_directions():

@@ -23,7 +23,7 @@ from harness.geometry.surface import SurfaceIndex
 from metrics.distance import sample_surface
 from metrics.pair import EdgeIndex, aligned, cut_below, per_metre, similarity
 from metrics.score import score, score_all
-from metrics.summary import volume_iou
+from metrics.summary import inside, volume_iou
 
 CASES = ("coarse", "fine", "holed", "turned")
 #: Points at which brute force over all faces is asked.
@@ -367,6 +367,23 @@ def test_the_volume_of_two_spheres(shapes):
     expected = shared / (2 * 4 / 3 * np.pi * 0.5**3 - shared)
     assert lens.value == pytest.approx(expected, abs=4 * lens.standard_error + 1e-3)
     assert 0 < lens.standard_error < 0.002
+
+
+def test_points_of_a_room_without_faces_are_inside_or_outside_together(shapes):
+    """A box of few faces, a ball in it that is turned inside out, and one that sticks out."""
+    parts = [
+        shapes.box([-0.6, -0.9, -0.6], [0.6, 0.9, 0.6]),
+        shapes.flipped(shapes.sphere(0.3, (0.1, 0.5, 0), level=4)),
+        shapes.sphere(0.25, (0.6, 0, 0), level=4),
+    ]
+    points = np.random.default_rng(0).uniform(-1, 1, (50_000, 3))
+    found = inside(SurfaceIndex(shapes.joined(*parts)), points)
+    box, cave, ball = (
+        (np.abs(points) < [0.6, 0.9, 0.6]).all(axis=1),
+        np.linalg.norm(points - [0.1, 0.5, 0], axis=1) < 0.3,
+        np.linalg.norm(points - [0.6, 0, 0], axis=1) < 0.25,
+    )
+    assert np.mean(found != ((box & ~cave) | ball)) < 1e-3
 
 
 def test_a_surface_with_a_hole_has_no_volume_and_leaves_the_other_protocols(shapes):
