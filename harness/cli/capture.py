@@ -11,10 +11,9 @@ from harness.cli.display import print_json, shown_progress
 from harness.cli.options import Json, Timeout, WorkspacePath, limit_s
 from harness.cli.verb_list import verb_group
 from harness.core.typed_json import to_json
-from harness.data.camera_files import find_cameras
-from harness.data.pictures import photo_folder
+from harness.data.camera_files import camera_file
 from harness.photos.exporting import FORMATS, ExportRequest, export_capture, named_capture
-from harness.photos.request import AUTO, ImportRequest, import_capture
+from harness.photos.request import AUTO, Imported, ImportRequest, import_capture
 from harness.run.sources import CAPTURES, IMPORTED, imported_subjects, name_for
 from harness.run.workspace import Workspace
 
@@ -27,7 +26,24 @@ Cameras = Annotated[
         "--cameras",
         metavar="FILE",
         help="Camera file: nerfstudio's transforms.json, COLMAP's folder (text or binary), a "
-        "published camera_parameters.json, or a capture.json. Default: looked for in DIR.",
+        "published camera_parameters.json, or a capture.json. Default: looked for in DIR; without "
+        "one, cameras are estimated from the photos.",
+    ),
+]
+Field = Annotated[
+    float,
+    typer.Option(
+        "--fov",
+        metavar="DEGREES",
+        help="Field of view along the longer side, of photos without a camera file. Default: about "
+        "as their files tell; if they do not, it is found with the cameras.",
+    ),
+]
+Refine = Annotated[
+    bool,
+    typer.Option(
+        "--refine-cameras",
+        help="Correct cameras that are a few pixels or degrees off, by outlines and photos.",
     ),
 ]
 Masks = Annotated[
@@ -128,6 +144,8 @@ def import_photos(
     name: Name = "",
     up: Up = AUTO,
     facing: Facing = AUTO,
+    field: Field = 0.0,
+    refine: Refine = False,
     height: Height = 0.0,
     scale: Scale = "",
     origin: Origin = "subject",
@@ -139,15 +157,17 @@ def import_photos(
     workspace: WorkspacePath = None,
     as_json: Json = False,
 ) -> None:
-    """Import photos with cameras of another program as a capture.
+    """Import photos as a capture, with cameras of another program or with none.
 
-    Lens distortion is undone. Photos are turned upright, and only the person is kept of them. It is
-    said where masks came from, and how up, front and scale were found.
+    Without cameras, five photos or more from all around a person who stands still are enough: their
+    cameras are found from them, with --height. Lens distortion is undone. Photos are turned
+    upright, and only the person is kept of them. It is said where masks came from, and how up,
+    front and scale were found.
     """
     place, subject = Workspace.default(workspace), name or name_for(folder)
     request = ImportRequest(
         photos=str(folder.resolve()),
-        cameras=str((cameras or find_cameras(photo_folder(folder))).resolve()),
+        cameras=camera_file(folder, cameras),
         masks="" if masks is None else str(masks.resolve()),
         masks_by=masks_by,
         directory=str(place.capture(CAPTURES, subject, IMPORTED)),
@@ -164,12 +184,18 @@ def import_photos(
         replace=replace,
         incomplete=incomplete,
         mask_orientation=mask_orientation,
+        field_deg=field,
+        refine=refine,
     )
     with shown_progress(quiet=as_json) as progress:
         made = import_capture(request, progress, limit_s(timeout))
     if as_json:
         print_json({"name": subject, **to_json(made)})
         return
+    _show(subject, made)
+
+
+def _show(subject: str, made: Imported) -> None:
     print(f"{subject}: {made.views} photos in {made.directory}")
     for line in made.notes:
         print(f"  {line}")

@@ -35,7 +35,7 @@ What = Annotated[
     str,
     typer.Argument(
         metavar="CAPTURE",
-        help="Name of an imported capture, a folder with a capture.json, or one photo.",
+        help="Name of an imported capture, a folder of photos or with a capture.json, or a photo.",
     ),
 ]
 Output = Annotated[
@@ -49,8 +49,8 @@ Field = Annotated[
     typer.Option(
         "--fov",
         metavar="DEGREES",
-        help="Field of view of one photo, along its longer side. Default: as its file tells, "
-        "else 50.",
+        help="Field of view of photos without cameras, along their longer side. Default: as their "
+        "files tell; else 50 for one photo, and for several it is found.",
     ),
 ]
 Height = Annotated[
@@ -58,13 +58,15 @@ Height = Annotated[
     typer.Option(
         "--height",
         metavar="METRES",
-        help="How high the person in one photo is. "
-        f"Default: {ASSUMED_HEIGHT_M:g}, which is assumed.",
+        help="How high the person in the photos is. "
+        f"Default for one photo: {ASSUMED_HEIGHT_M:g}, which is assumed.",
     ),
 ]
 Mask = Annotated[
     Path | None,
-    typer.Option("--mask", metavar="FILE", help="Mask of one photo, white on black."),
+    typer.Option(
+        "--mask", metavar="PATH", help="Mask of one photo, or folder of masks, white on black."
+    ),
 ]
 Name = Annotated[
     str,
@@ -77,7 +79,7 @@ Name = Annotated[
 @app.command()
 def reconstruct_photos(
     what: What,
-    method: MethodsToRun,
+    method: MethodsToRun = "",
     output: Output = None,
     field: Field = None,
     height: Height = None,
@@ -92,15 +94,17 @@ def reconstruct_photos(
 ) -> None:
     """Reconstruct a person from photos.
 
-    Each method's folder gets the mesh with colours (PLY, GLB, OBJ), the fitted body, a sheet of
-    pictures and the figures. Of one photo, camera and size are assumed, and it is said what. The
-    exit code is 1 when a method failed.
+    The method is mexecon+ by default, and econ for one photo. Each method's folder gets the mesh
+    with colours (PLY, GLB, OBJ), the fitted body, a sheet of pictures and the figures. Cameras of a
+    folder of photos are those of a file in it, or found from the photos and --height; of one photo,
+    camera and size are assumed. All of it is said. The exit code is 1 when a method failed.
     """
     place = Workspace.default(workspace)
     added = AddedMethods.of(place)
+    names = split_names(method) or (("econ",) if Path(what).is_file() else ("mexecon+",))
     request = ReconstructRequest(
         what=what,
-        methods=chosen_methods(split_names(method), parsed_settings(settings), added=added),
+        methods=chosen_methods(names, parsed_settings(settings), added=added),
         output=output,
         manifest=load_manifest(manifest),
         workspace=place,

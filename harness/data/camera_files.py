@@ -24,7 +24,7 @@ from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_text
 from harness.data.colmap import read_colmap_binary, read_colmap_text
 from harness.data.lens import ForeignCameras, ForeignView, Lens
-from harness.data.pictures import NamedPictures, picture_facts
+from harness.data.pictures import NamedPictures, photo_folder, picture_facts
 
 _ORDINARY = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = "OPENCV_FISHEYE"
@@ -237,25 +237,28 @@ _USUAL = ("transforms.json", "capture.json", "cameras.bin", "cameras.txt", "spar
           "colmap/sparse/0", "../transforms.json", "../sparse/0", "../sparse")  # fmt: skip
 
 
-def find_cameras(folder: Path) -> Path:
-    """The camera file in a folder of photos, in the usual places.
+def camera_file(folder: Path, named: Path | None = None) -> str:
+    """The camera file that is named, or the one in a folder of photos; empty where there is none.
 
     Raises:
-        DataError: there is none, or there are several published camera files.
+        DataError: several published camera files, or no such folder.
     """
+    if named is not None:
+        return str(named.resolve())
+    below = photo_folder(folder)
     for name in _USUAL:
-        if _reader(folder / name) is not None:
-            return folder / name
+        if _reader(below / name) is not None:
+            return str((below / name).resolve())
     beside = (
-        *folder.glob("*camera_parameters.json"),
-        *folder.parent.glob("*camera_parameters.json"),
+        *below.glob("*camera_parameters.json"),
+        *below.parent.glob("*camera_parameters.json"),
     )
     published = sorted(beside)
-    if len(published) != 1:
+    if len(published) > 1:
         raise DataError(
-            f"no camera file in {folder}", expected=LAYOUTS, hint="Name it with --cameras FILE"
+            f"several camera files in {folder}", expected=LAYOUTS, hint="Name one with --cameras"
         )
-    return published[0]
+    return str(published[0].resolve()) if published else ""
 
 
 def read_cameras(path: str | Path, photos: Path | None = None) -> ForeignCameras:

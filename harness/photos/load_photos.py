@@ -89,6 +89,7 @@ class LoadRules:
         camera_shown: Whether cameras of photos that their files turn are of what viewers show; None
             lets sizes and agreement tell.
         mask_shown: Whether masks of such photos are.
+        posed: Whether cameras stand where they took the photos.
     """
 
     longest_px: int
@@ -96,6 +97,7 @@ class LoadRules:
     incomplete: bool = False
     camera_shown: bool | None = None
     mask_shown: bool | None = None
+    posed: bool = True
 
 
 def take_photos(
@@ -147,7 +149,7 @@ def take_photos(
     warnings += _left_out(empty, len(photos), incomplete=rules.incomplete)
     if inverted:
         warnings.append(f"masks are white around the person, and were inverted: {listed(inverted)}")
-    views, chosen = _same_person(views)
+    views, chosen = _same_person(views, posed=rules.posed)
     for number, view in enumerate(views):
         _only_the_person(folder / image_name(number), view)
     return TakenViews(tuple(views), (*warnings, *chosen, *_cut(views)))
@@ -256,7 +258,7 @@ def _coverage(taken: TakenPhoto, photo: MatchedPhoto, maker: MaskMaker) -> tuple
     return (np.zeros(taken.rgb.shape[:2], np.uint8) if made is None else made), maker.title
 
 
-def _same_person(views: list[TakenView]) -> tuple[list[TakenView], list[str]]:
+def _same_person(views: list[TakenView], *, posed: bool) -> tuple[list[TakenView], list[str]]:
     """The views with one person each: the largest, where several views tell a common place."""
     found = [one_person(view.coverage) for view in views]
     several = [view.photo.name for view, one in zip(views, found, strict=True) if one.others]
@@ -264,7 +266,7 @@ def _same_person(views: list[TakenView]) -> tuple[list[TakenView], list[str]]:
         return views, []
     largest = [replace(view, coverage=one.coverage) for view, one in zip(views, found, strict=True)]
     note = f"more than one person in {', '.join(several)}"
-    if len(views) < 2:
+    if len(views) < 2 or not posed:
         return largest, [f"{note}: the largest was chosen"]
     outlines = [Outline(view.camera, view.coverage / 255.0) for view in largest]
     centre = place_of(outlines).centre

@@ -18,7 +18,7 @@ from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.process.threads import StepReport, silent
 from harness.core.process.workers import worker_main
 from harness.data.lens import ForeignView
-from harness.data.pictures import picture_facts
+from harness.data.pictures import PictureFacts, picture_facts
 from harness.geometry.window import Window
 from harness.photos.load_photos import LoadRules, TakenView, take_photos
 from harness.photos.matching import MatchedPhoto
@@ -78,10 +78,7 @@ def import_one_photo(request: OnePhotoRequest) -> Imported:
     path = Path(request.photo)
     facts = picture_facts(path)
     field_deg, source = _field(request, facts.field_deg)
-    width, height = facts.turn.size(facts.size)
-    focal = max(width, height) / 2 / math.tan(math.radians(field_deg) / 2)
-    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
-    level = Camera(K, look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0]), width, height)
+    level = level_camera(facts, field_deg)
     mask = Path(request.mask) if request.mask else None
     photo = MatchedPhoto(path, ForeignView(path.name, level), mask, path.name)
     rules = LoadRules(request.longest_px, camera_shown=True)
@@ -108,11 +105,29 @@ def assumes_camera(capture: Capture) -> bool:
     return isinstance(imported, Mapping) and imported.get("cameras") == _ASSUMED
 
 
+def level_camera(facts: PictureFacts, field_deg: float) -> Camera:
+    """A level camera of a photo as viewers show it, with this field along its longer side."""
+    width, height = facts.turn.size(facts.size)
+    focal = max(width, height) / 2 / math.tan(math.radians(field_deg) / 2)
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    return Camera(K, look_at([0.0, 0.0, 1.0], [0.0, 0.0, 0.0]), width, height)
+
+
+def check_field(field_deg: float) -> None:
+    """Refuse a field of view, as ``--fov`` gave it, that no lens has.
+
+    Raises:
+        HarnessError: it is outside 5 to 150 degrees.
+    """
+    low, high = _FIELDS_DEG
+    if not low <= field_deg <= high:
+        raise HarnessError(f"--fov {field_deg:g}", expected=f"{low:g} to {high:g}")
+
+
 def _field(request: OnePhotoRequest, told_deg: float) -> tuple[float, str]:
     low, high = _FIELDS_DEG
     if request.field_deg is not None:
-        if not low <= request.field_deg <= high:
-            raise HarnessError(f"--fov {request.field_deg:g}", expected=f"{low:g} to {high:g}")
+        check_field(request.field_deg)
         return request.field_deg, "as given"
     if low <= told_deg <= high:
         return told_deg, "as the photo's file tells"

@@ -14,6 +14,7 @@ from harness.core.photo_scores import PhotoScores
 from harness.core.process.workers import run_worker
 from harness.core.records import Record
 from harness.core.typed_json import from_json, to_json
+from harness.data.camera_files import camera_file
 from harness.data.manifest import Manifest
 from harness.data.pictures import PICTURE_SUFFIXES
 from harness.files.coloured_mesh import ColouredMesh, save_coloured
@@ -140,13 +141,13 @@ _PHOTO_WORKER = "harness.photos.one_photo"
 
 @dataclass(frozen=True, slots=True)
 class Assumptions:
-    """What is taken for granted of a photo without a camera.
+    """What is told of photos without cameras.
 
     Attributes:
-        field_deg: Field of view along the longer side, degrees; None takes it from the photo's
-            file, or the default.
-        height_m: How high the person is in the photo, metres; None is 1.7.
-        mask: The photo's mask; None takes alpha, or makes one.
+        field_deg: Field of view along the longer side, degrees; None takes it from the files, or
+            for one photo the default, and for several finds it.
+        height_m: How high the person is in the photos, metres; for one photo None is 1.7.
+        mask: The photo's mask, or the folder of several photos'; None takes alpha, or makes masks.
     """
 
     field_deg: float | None = None
@@ -165,12 +166,13 @@ class ReconstructRequest:
     """What ``harness reconstruct`` was asked for.
 
     Attributes:
-        what: Name of an imported capture, a folder with a ``capture.json``, or a photo.
+        what: Name of an imported capture, a folder with a ``capture.json`` or of photos, or a
+            photo.
         methods: The methods with their settings.
         output: Folder for results, one folder for each method.
         manifest: Defines the dataset of imported captures.
         workspace: Where captures and runs lie.
-        assumed: Of a photo without a camera.
+        assumed: Of photos without cameras.
         name: Of the capture that a photo or folder becomes; empty takes its own name.
         seed: Root of all randomness.
         timeout_s: Longest time for a method; None is no limit.
@@ -280,34 +282,51 @@ def _capture_of(request: ReconstructRequest, progress: Progress) -> tuple[str, I
     path = Path(request.what)
     if path.is_file():
         return _photo(request, path)
-    if request.assumed.options:
+    known = imported_subjects(request.workspace)
+    has_capture = (path / "capture.json").is_file()
+    if request.assumed.options and (has_capture or not path.is_dir()):
         raise HarnessError(
-            f"{' and '.join(request.assumed.options)} for '{request.what}', which is no photo",
-            expected="one photo, of which nothing else tells it",
+            f"{' and '.join(request.assumed.options)} for '{request.what}', which has cameras",
+            expected="photos, of which nothing else tells it",
             hint="Cameras, size and masks of a capture are told at its import: harness capture "
             "import --help",
         )
-    if (path / "capture.json").is_file():
+    if has_capture:
         return _folder(request, path, progress)
-    known = imported_subjects(request.workspace)
+    if path.is_dir() and (request.assumed.options or request.what not in known):
+        return _photos(request, path, progress)
     if request.what in known:
         if request.name:
             raise HarnessError(
                 f"--name {request.name} for '{request.what}', which has its name",
-                expected="a name for one photo, or for a folder with a capture.json",
+                expected="a name for one photo, or for a folder",
             )
         return request.what, None
-    if path.is_dir():
-        raise HarnessError(
-            f"{path} holds no capture.json",
-            hint=captures_below(path)
-            or f"Import its photos first: harness capture import {path} --cameras FILE "
-            "--height METRES",
-        )
     raise HarnessError(
         f"'{request.what}' is no imported capture, no folder and no photo",
         hint=did_you_mean(request.what, known),
     )
+
+
+def _photos(
+    request: ReconstructRequest, path: Path, progress: Progress
+) -> tuple[str, Imported | None]:
+    """A folder of photos is imported, with cameras of a file in it or with estimated ones."""
+    if hint := captures_below(path):
+        raise HarnessError(f"{path} holds no capture.json", hint=hint)
+    name, assumed = request.name or name_for(path), request.assumed
+    job = ImportRequest(
+        photos=str(path.resolve()),
+        cameras=camera_file(path),
+        masks="" if assumed.mask is None else str(assumed.mask.resolve()),
+        directory=str(request.workspace.capture(CAPTURES, name, IMPORTED)),
+        dataset=CAPTURES,
+        subject=name,
+        recipe=IMPORTED,
+        height_m=assumed.height_m or 0.0,
+        field_deg=assumed.field_deg or 0.0,
+    )
+    return name, import_capture(job, progress, request.timeout_s)
 
 
 def _photo(request: ReconstructRequest, path: Path) -> tuple[str, Imported]:

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import HarnessError
+from harness.core.process.threads import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.typed_json import from_json
 from harness.data.camera_files import read_cameras
+from harness.data.pictures import find_photos, photo_folder
 from harness.run.progress import Progress, counted
 
 _WORKER = "harness.photos.importing"
-_PHOTOS = "photos"
+_PHOTOS, _CAMERAS = "photos", "steps towards cameras"
 #: What the cameras, the photos or a stated prior decide.
 AUTO = "auto"
 #: Where the origin may go.
@@ -40,7 +42,7 @@ class ImportRequest:
 
     Attributes:
         photos: Folder with the photos, or with ``images`` that has them.
-        cameras: File or folder with their cameras.
+        cameras: File or folder with their cameras; empty estimates them from the photos.
         masks: Folder with their masks; empty takes alpha, and where there is none makes masks.
         masks_by: The imported network that makes masks; empty is MediaPipe.
         directory: Folder of the capture to be made.
@@ -57,6 +59,9 @@ class ImportRequest:
         replace: Whether a capture of other photos may be there, and is replaced.
         incomplete: Whether photos and masks that are named may be missing or empty.
         mask_orientation: ``auto``, ``stored`` or ``shown``: of what masks of turned photos are.
+        field_deg: Field of view along the longer side, degrees, of photos without cameras; 0 takes
+            it from the files, or finds it.
+        refine: Whether cameras are refined by outlines and photos.
     """
 
     photos: str
@@ -77,6 +82,8 @@ class ImportRequest:
     replace: bool = False
     incomplete: bool = False
     mask_orientation: str = AUTO
+    field_deg: float = 0.0
+    refine: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +111,11 @@ class Imported:
 def import_capture(
     request: ImportRequest, progress: Progress, timeout_s: float | None = None
 ) -> Imported:
-    """Make a capture of photos with cameras.
+    """Make a capture of photos; their cameras are estimated where none are given.
 
     Args:
         request: Photos, cameras, and what is known of their world.
-        progress: Hears of every photo.
+        progress: Hears of every photo, and of every step towards cameras.
         timeout_s: How long it may take; None is no limit.
 
     Raises:
@@ -116,6 +123,28 @@ def import_capture(
             of which too little is known.
         MissingPart: MediaPipe is needed, and not installed.
     """
-    progress.expect(_PHOTOS, len(read_cameras(Path(request.cameras), Path(request.photos)).views))
-    answer = run_worker(_WORKER, request, progress=counted(progress, _PHOTOS), timeout_s=timeout_s)
+    if request.cameras:
+        count = len(read_cameras(Path(request.cameras), Path(request.photos)).views)
+    else:
+        count = len(find_photos(photo_folder(Path(request.photos))))
+    progress.expect(_PHOTOS, count)
+    report = _photos_then_cameras(progress, count)
+    answer = run_worker(_WORKER, request, progress=report, timeout_s=timeout_s)
     return from_json(Imported, answer, "the worker's answer", "an import")
+
+
+def _photos_then_cameras(progress: Progress, photos: int) -> StepReport:
+    """The worker's steps: one for each photo, and those beyond towards cameras."""
+    of_photos, of_cameras = counted(progress, _PHOTOS), counted(progress, _CAMERAS)
+    expected = photos
+
+    def steps(done: int, total: int) -> None:
+        nonlocal expected
+        of_photos(min(done, photos), photos)
+        if total > expected:
+            progress.expect(_CAMERAS, total - photos)
+            expected = total
+        if done > photos:
+            of_cameras(done - photos, total - photos)
+
+    return steps

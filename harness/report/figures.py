@@ -31,6 +31,7 @@ from harness.run.record_inputs import require_photos, require_scan
 from harness.run.sealed import Look, admit
 from harness.run.sources import Source
 from harness.run.store import RunStore
+from harness.run.uncalibrated import found_and_true
 from harness.run.view_choice import views_for
 from harness.run.workspace import Workspace
 from metrics.body import VertexErrors, vertex_errors
@@ -55,6 +56,7 @@ from reports.figures.failures import (
     worst_subjects,
 )
 from reports.figures.panels import ErrorScale
+from reports.figures.rig import RigPanel, rig_figure
 from reports.figures.view_curves import rank_curves, view_curves
 from reports.statistics import bootstrap_ends
 from reports.tables.normals import headline
@@ -343,6 +345,32 @@ def _failure_row(
     return FailureRow(capture, mesh, names, tuple(panels))
 
 
+def cameras(store: RunStore, source: Source, records: Sequence[Record], path: Path) -> Path:
+    """Estimated and true cameras of each subject, seen from above and from the front.
+
+    Raises:
+        HarnessError: no row has estimated cameras.
+    """
+    del store
+    panels: list[RigPanel] = []
+    for record in records:
+        suffix = suffix_of(record.recipe)
+        shown = [panel.title for panel in panels]
+        if record.status != "ok" or not suffix or record.subject in shown:
+            continue
+        capture = Capture.load(replace(source, suffix=suffix).capture_directory(record.subject))
+        require_photos(record, capture)
+        _, truth = source.load(record.subject)
+        points = truth.vertices[:: max(1, len(truth.vertices) // 2000)]
+        known = found_and_true(capture)[1]
+        panels.append(RigPanel(record.subject, capture.cameras, known, points))
+    if not panels:
+        raise HarnessError(
+            "no row has estimated cameras", hint="Run 'harness eval --cameras estimated'"
+        )
+    return rig_figure(panels, path)
+
+
 #: Figures by name.
 FIGURES = {
     "qualitative": qualitative,
@@ -352,6 +380,7 @@ FIGURES = {
     "normals": normals,
     "views": views,
     "ranks": ranks,
+    "cameras": cameras,
 }
 
 

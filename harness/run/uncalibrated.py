@@ -148,7 +148,7 @@ def as_given(method: MethodInfo, capture: Capture) -> MethodInfo:
     estimate: Mapping[str, Any] | None = capture.provenance.get(ESTIMATE)
     if estimate is None:
         return method
-    instead = [Privilege.FOCAL_LENGTH] if estimate["focal"] == "given" else []
+    instead = [] if estimate["focal"] == "found" else [Privilege.FOCAL_LENGTH]
     instead += [Privilege.ALIGNED] if "own_to_world" in estimate else []
     rest = [each for each in method.privileges if each != Privilege.KNOWN_CAMERAS]
     return replace(method, privileges=tuple(dict.fromkeys((*instead, *rest))))
@@ -173,7 +173,7 @@ def brought(
     """
     if own_world(capture) is capture:
         return result, {}
-    own, known = _found_and_true(capture)
+    own, known = found_and_true(capture)
     aligned = aligned_by_cameras(result.mesh, SurfaceIndex(truth), own, known)
     move = Similarity.of(np.array(aligned.matrix))
     moved = replace(
@@ -200,12 +200,13 @@ def with_cameras(scores: Scores, capture: Capture, truth: Mesh) -> Scores:
     if own_world(capture) is capture:
         return scores
     points = truth.vertices[:: max(1, len(truth.vertices) // _POINTS)]
-    errors = camera_errors(*_found_and_true(capture), points)
+    errors = camera_errors(*found_and_true(capture), points)
     diagnostics = scores.diagnostics and replace(scores.diagnostics, alignment="sim3-cameras")
     return replace(scores, metrics={**scores.metrics, **errors}, diagnostics=diagnostics)
 
 
-def _found_and_true(capture: Capture) -> tuple[tuple[Camera, ...], tuple[Camera, ...]]:
+def found_and_true(capture: Capture) -> tuple[tuple[Camera, ...], tuple[Camera, ...]]:
+    """Cameras of the photos as they were found, in their own world, and the true ones."""
     estimate = capture.provenance[ESTIMATE]
     own, known = (
         tuple(map(Camera.from_dict, estimate[name])) for name in ("own_cameras", "known_cameras")

@@ -16,6 +16,7 @@ from harness.core.protocols import Privilege
 from harness.core.records import Record
 from harness.data.manifest import load_manifest
 from harness.geometry.similarity import Similarity
+from harness.report.figures import FIGURES
 from harness.report.tables import ReportRequest, build_table
 from harness.run import cell_worker, uncalibrated
 from harness.run.cell_job import CellJob
@@ -103,6 +104,9 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
     for camera, goal in zip(again.cameras, true, strict=True):
         np.testing.assert_allclose(camera.world_to_camera, goal.world_to_camera, atol=1e-9)
 
+    drawn = source.workspace.root / "rig.png"
+    FIGURES["cameras"](RunStore(source.workspace.run("main")), source, [plain, ours], drawn)
+    assert drawn.stat().st_size > 10_000
     table = build_table([plain, ours], ReportRequest("geometry"))
     assert "uncalibrated" in table
     assert "Given: focal length, aligned to the scan, exact masks" in table

@@ -15,7 +15,7 @@ from harness.core.camera_frames import write_colmap, write_transforms_json
 from harness.core.errors import DataError
 from harness.core.rigs import RingRig
 from harness.data.camera_files import (
-    find_cameras,
+    camera_file,
     read_cameras,
     read_nerfstudio,
     read_published,
@@ -426,11 +426,11 @@ def test_a_published_file_is_what_it_was(published_camera_file, tmp_path):
 def test_camera_files_are_found_where_they_usually_lie(tmp_path):
     images = tmp_path / "images"
     images.mkdir()
-    with pytest.raises(DataError, match="no camera file in.*--cameras"):
-        find_cameras(images)
+    assert camera_file(images) == ""
+    assert camera_file(images, tmp_path / "mine.json") == str(tmp_path / "mine.json")
     write_colmap(tmp_path / "sparse" / "0", CAMERAS, NAMES)
-    assert read_cameras(find_cameras(images)).layout == "COLMAP text"
-    assert read_cameras(find_cameras(tmp_path)).layout == "COLMAP text"
+    assert read_cameras(camera_file(images)).layout == "COLMAP text"
+    assert read_cameras(camera_file(tmp_path)).layout == "COLMAP text"
     with pytest.raises(DataError, match="no camera file that is known"):
         read_cameras(images)
 

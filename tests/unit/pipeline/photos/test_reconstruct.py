@@ -136,8 +136,9 @@ def put(capture: Capture, workspace: Workspace, name: str) -> Path:
 def test_what_cannot_be_reconstructed_says_what_to_do(tmp_path, workspace):
     with pytest.raises(HarnessError, match="no imported capture, no folder and no photo"):
         reconstruct(asked("nobody", workspace, None, "hull8"), Silent())
-    with pytest.raises(HarnessError, match="harness capture import"):
-        reconstruct(asked(tmp_path, workspace, None, "hull8"), Silent())
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DataError, match="holds no photos"):
+        reconstruct(asked(tmp_path / "empty", workspace, None, "hull8"), Silent())
     (tmp_path / "a.txt").write_text("")
     with pytest.raises(DataError, match="is no photo"):
         reconstruct(asked(tmp_path / "a.txt", workspace, None, "hull8"), Silent())
@@ -147,7 +148,7 @@ def test_options_of_one_photo_are_refused_for_a_capture(tmp_path, workspace):
     native = photographed(tmp_path / "native")
     plain = asked(native.directory, workspace, tmp_path / "out", "hull8")
     told = replace(plain, assumed=Assumptions(field_deg=60.0, height_m=1.8))
-    with pytest.raises(HarnessError, match="--fov and --height for .*, which is no photo"):
+    with pytest.raises(HarnessError, match="--fov and --height for .*, which has cameras"):
         reconstruct(told, Silent())
     put(native, workspace, "t")
     with pytest.raises(HarnessError, match="--name toy for 't', which has its name"):
