@@ -101,8 +101,7 @@ class DistanceMap:
 def distance_map(photo: PhotoView, span_m: float, pixel_m: float) -> DistanceMap:
     """The map of a photo in which a pixel spans ``span_m`` of the subject, on coarser pixels."""
     width, height = photo.size
-    flat = Camera(np.diag([1.0, 1.0, 1.0]), np.eye(4), width, height)
-    whole = Outline(flat, photo.rgba[..., 3] / 255.0)
+    whole = outline_of(photo, Camera(np.eye(3), np.eye(4), width, height))
     box = whole.box.grown(int(np.ceil(_MARGIN_M / span_m)))
     left, top = max(box.left, 0), max(box.top, 0)
     right, bottom = min(box.right, width), min(box.bottom, height)
@@ -117,6 +116,11 @@ def distance_map(photo: PhotoView, span_m: float, pixel_m: float) -> DistanceMap
     framed = (contour > _FRAME_PX) & (contour < np.array(photo.size) - _FRAME_PX)
     values = (outline.distance_px * own_m).astype(np.float32)
     return DistanceMap(values, scale, offset, own_m, contour[framed.all(axis=1)])
+
+
+def outline_of(photo: PhotoView, camera: Camera) -> Outline:
+    """The subject's silhouette in a photo."""
+    return Outline(camera, photo.rgba[..., 3] / 255.0)
 
 
 def _contour(distance: Singles, least_px: float) -> Floats:

@@ -1,11 +1,10 @@
 """Photos of a still person in, cameras out, or one sentence why not."""
-# ruff: noqa: ARG001
 
 from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,9 +14,12 @@ from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.process.threads import StepReport, silent
+from harness.geometry.place import place_of
+from harness.geometry.similarity import camera_similarity
 from methods.body.photos.detection import Detections, detect_in
 from methods.cameras.adjustment import Rig, Solved, solved
-from methods.cameras.coherence import DistanceMap, distance_map
+from methods.cameras.answer import answer, check_matches, check_round, unmatched
+from methods.cameras.coherence import DistanceMap, distance_map, outline_of
 from methods.cameras.landmarks import LandmarkRows, first_rig, landmark_spans
 from methods.cameras.matches import (
     Matches,
@@ -28,13 +30,7 @@ from methods.cameras.matches import (
     met,
 )
 from methods.cameras.search import Silhouettes, coherent, settled, shaken, upright
-from methods.cameras.values import (
-    EstimatedCameras,
-    Focal,
-    PhotoReport,
-    PhotoView,
-    StageReport,
-)
+from methods.cameras.values import EstimatedCameras, Focal, PhotoView, StageReport
 from methods.closed.lattices import contoured, evened, hull_field, hull_lattice
 
 LEAST_PHOTOS, MOST_PHOTOS, _SURE_PHOTOS = 5, 64, 6
@@ -55,6 +51,13 @@ _SEARCHES = (
     MatchSearch(0.03, 0.0015, 2, 0.0011),
     MatchSearch(0.03, 0.0015, 2, 0.0011),
 )
+#: Given cameras stay where photos would move by less, or two pairs contradict each other by no less
+#: than this share of what they did, as in ``photo_pull.camera_shifts``; asked at about so many
+#: places. Outlines correct them first where they miss by more than ``_CALM_M``, trusted to these.
+_LEAST_PX, _LEAST_GAIN, _PLACES_ASKED = 0.15, 0.9, 2000
+_CALM_M, _REFINED_M = 0.0004, (0.008, 0.0028, 0.001)
+#: A later search that takes less than this share of the cost away is the last.
+_REST_GAIN = 0.1
 #: Beside matches outlines are trusted to so many times what is left in them, metres.
 _LEFT_SHARE, _LEAST_LEFT_M = 12.0, 0.0005
 
@@ -86,12 +89,30 @@ def estimate_cameras(
     group = _group(photos, focal, landmarks)
     steps.done("landmarks", {"photos": float(len(group.photos))}, 0.0)
     rig, given = _by_landmarks(group, height_m)
-    group, rig, given = _by_outlines(group, rig, given, (np.random.default_rng(seed), steps))
-    _check_round(rig)
+    group, rig, given = _by_outlines(group, rig, given, np.random.default_rng(seed))
+    warnings = check_round(rig)
     rig, given = _finer(group, rig, given, height_m)
     steps.done("outlines", {"missed_mm": 1e3 * given.misses_m(rig)[0]}, 0.0)
-    found, matches = _by_photos(group, rig, given, (height_m, steps))
-    return _answer(group, found, given, matches, steps)
+
+    def placed(rig: Rig, given: Silhouettes) -> tuple[Rig, Mesh]:
+        return _in_world(rig, given, height_m, _HULL_STEP_M)
+
+    found, matches = _by_photos(group.photos, rig, given, (placed, steps))
+    while (view := unmatched(found.rig, matches)) is not None:
+        group, rig, given = _without(
+            group, (found.rig, given), view, "it looks like none of its neighbours"
+        )
+        found, matches = _by_photos(group.photos, rig, given, (placed, steps))
+    warnings += check_matches(found.rig, matches)
+    found = replace(found, rig=placed(found.rig, given)[0])
+    if len(group.photos) < _SURE_PHOTOS:
+        warnings += (f"cameras of {len(group.photos)} photos are weak: take eight",)
+    return answer(
+        (group.photos, np.array(group.numbers)),
+        (group.names, group.left_out),
+        (found, given, matches),
+        (steps.stages, warnings),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +137,7 @@ class _Group:
 
     def without(self, view: int, why: str) -> _Group:
         """The group without one of its photos."""
-        keep = [other for other in range(len(self.photos)) if other != view]
+        keep = _others(len(self.photos), view)
         left_out = {**self.left_out, self.numbers[view]: why}
         if len(keep) < LEAST_PHOTOS:
             raise MethodError(
@@ -202,14 +223,13 @@ def _maps(group: _Group, rig: Rig, pixel_m: float) -> tuple[DistanceMap, ...]:
 
 
 def _by_outlines(
-    group: _Group, rig: Rig, given: Silhouettes, how: tuple[np.random.Generator, _Steps]
+    group: _Group, rig: Rig, given: Silhouettes, rng: np.random.Generator
 ) -> tuple[_Group, Rig, Silhouettes]:
     """Coherent cameras, without photos that do not fit the others.
 
     Raises:
         MethodError: the outlines contradict each other whatever is left out.
     """
-    rng, _ = how
     while True:
         best: tuple[float, Rig, Silhouettes] | None = None
         for start in range(_STARTS):
@@ -233,28 +253,37 @@ def _without_worst(
     Raises:
         MethodError: a quarter was left out, or it does not help.
     """
-    count = len(rig)
-    keeps = [[other for other in range(count) if other != view] for view in range(count)]
-    after = [given.at(keep).misses_m(rig.at(keep))[0] for keep in keeps]
-    worst = int(np.argmin(after))
+    _, each = given.misses_m(rig)
     if len(group.left_out) >= len(group.names) // 4:
-        _, each = given.misses_m(rig)
-        order = np.argsort(-each, kind="stable")[:3]
-        raise MethodError(
-            "the photos' outlines contradict each other",
-            expected=f"rays that miss by at most {1e3 * _COHERENT_M:.0f} mm",
-            got=f"{1e3 * missed:.1f} mm, most in "
-            + ", ".join(f"{group.photos[v].name} ({1e3 * each[v]:.0f} mm)" for v in order),
-            hint="Either the person moved, masks are wrong, a photo is mirrored or of another "
-            "person, or the focal length is",
-        )
-    why = f"its outline contradicts the others' by {1e3 * given.misses_m(rig)[1][worst]:.0f} mm"
-    keep = keeps[worst]
-    return group.without(worst, why), rig.at(keep), given.at(keep)
+        raise _contradiction(missed, each, [photo.name for photo in group.photos])
+    keeps = [_others(len(rig), view) for view in range(len(rig))]
+    worst = int(np.argmin([given.at(keep).misses_m(rig.at(keep))[0] for keep in keeps]))
+    why = f"its outline contradicts the others' by {1e3 * each[worst]:.0f} mm"
+    return _without(group, (rig, given), worst, why)
 
 
-def _check_round(rig: Rig) -> None:
-    """Refuse views of one side only."""
+def _without(
+    group: _Group, found: tuple[Rig, Silhouettes], view: int, why: str
+) -> tuple[_Group, Rig, Silhouettes]:
+    """All but one photo."""
+    keep = _others(len(found[0]), view)
+    return group.without(view, why), found[0].at(keep), found[1].at(keep)
+
+
+def _others(count: int, view: int) -> list[int]:
+    return [other for other in range(count) if other != view]
+
+
+def _contradiction(missed: float, each: Floats, names: Sequence[str]) -> MethodError:
+    order = np.argsort(-each, kind="stable")[:3]
+    return MethodError(
+        "the photos' outlines contradict each other",
+        expected=f"rays that miss by at most {1e3 * _COHERENT_M:.0f} mm",
+        got=f"{1e3 * missed:.1f} mm, most in "
+        + ", ".join(f"{names[view]} ({1e3 * each[view]:.0f} mm)" for view in order),
+        hint="The person moved, masks are wrong, photos are mirrored or show two people, or the "
+        "focal length is wrong",
+    )
 
 
 def _finer(group: _Group, rig: Rig, given: Silhouettes, height_m: float) -> tuple[Rig, Silhouettes]:
@@ -290,92 +319,99 @@ def _hull(rig: Rig, given: Silhouettes, step_m: float) -> Mesh:
     return evened(contoured(lattice, hull_field(outlines, lattice), "visual hull"))
 
 
+_Placed = Callable[[Rig, Silhouettes], tuple[Rig, Mesh]]
+
+
 def _by_photos(
-    group: _Group, rig: Rig, given: Silhouettes, how: tuple[float, _Steps]
+    photos: Sequence[PhotoView], rig: Rig, given: Silhouettes, how: tuple[_Placed, _Steps]
 ) -> tuple[Solved, Matches]:
     """The cameras that matches of photos and outlines tell together."""
-    height_m, steps = how
+    placed, steps = how
     for number, search in enumerate(_SEARCHES):
-        rig, mesh = _in_world(rig, given, height_m, _HULL_STEP_M)
-        matches = find_matches(mesh, rig, group.photos, search)
+        rig, mesh = placed(rig, given)
+        matches = find_matches(mesh, rig, photos, search)
         left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
-        blocks = [
-            given.rays(rig, left_m, _FINE_RAYS),
-            MatchRows(matches.of(~matches.held_out)),
-        ]
+        blocks = [given.rays(rig, left_m, _FINE_RAYS), MatchRows(matches.of(~matches.held_out))]
         found = solved(rig, blocks, 8)
         rig = found.rig
         judged = np.abs(met(rig, matches.of(matches.held_out)).off_px)
-        steps.done(
-            f"photos {number + 1}",
-            {
-                "matches": float(len(matches)),
-                "held_out_px": float(np.median(judged)) if len(judged) else np.nan,
-                "contradiction_mm": 1e3 * contradiction_m(rig, matches),
-                "missed_mm": 1e3 * given.misses_m(rig)[0],
-                "outlines_trusted_mm": 1e3 * left_m,
-            },
-            found.gain,
-        )
-    rig, _ = _in_world(rig, given, height_m, _HULL_STEP_M)
-    return replace(found, rig=rig), matches
-
-
-def _answer(
-    group: _Group, found: Solved, given: Silhouettes, matches: Matches, steps: _Steps
-) -> EstimatedCameras:
-    count = len(group.names)
-    rig = found.rig
-    cameras: list[Camera | None] = [None] * count
-    spread: list[Floats | None] = [None] * count
-    photos = [
-        PhotoReport(name, np.nan, 0, np.nan, group.left_out.get(n, ""))
-        for n, name in enumerate(group.names)
-    ]
-    sizes = [photo.size for photo in group.photos]
-    _, misses = given.misses_m(rig)
-    spans = landmark_spans(rig)
-    off = np.abs(met(rig, matches).off_px)
-    for view, camera in enumerate(rig.cameras(sizes)):
-        number = group.numbers[view]
-        cameras[number] = camera
-        mine = (matches.views == view).any(axis=1)
-        photos[number] = PhotoReport(
-            group.names[number],
-            float(misses[view] / spans[view]),
-            int(mine.sum()),
-            float(np.median(off[mine])) if mine.any() else np.nan,
-        )
-    return EstimatedCameras(
-        cameras=tuple(cameras),
-        covariances=tuple(spread),
-        focal_px=tuple(float(c.K[0, 0]) if c else np.nan for c in cameras),
-        focal_relative_sd=0.0,
-        stages=tuple(steps.stages),
-        photos=tuple(photos),
-        contradiction_mm=1e3 * contradiction_m(rig, matches),
-    )
+        residuals = {
+            "matches": float(len(matches)),
+            "held_out_px": float(np.median(judged)) if len(judged) else np.nan,
+            "contradiction_mm": 1e3 * contradiction_m(rig, matches),
+            "missed_mm": 1e3 * given.misses_m(rig)[0],
+            "outlines_trusted_mm": 1e3 * left_m,
+        }
+        steps.done(f"photos {number + 1}", residuals, found.gain)
+        if number and found.gain < _REST_GAIN:
+            break
+    return found, matches
 
 
 def refine_cameras(
     photos: Sequence[PhotoView],
     cameras: Sequence[Camera],
     *,
-    seed: int = 0,
     report: StepReport = silent,
 ) -> EstimatedCameras:
     """Cameras that are a few pixels or degrees off, brought to what outlines and photos say.
 
     They stay in their world: its place, turn and scale are those of the cameras that were given.
-    Cameras whose photos lie less than ``least_px`` off, or that gain nothing, stay as they are.
+    Cameras that would move photos by less than 0.15 pixels, or after which two pairs of photos
+    contradict each other by no less than nine tenths of what they did, stay as they are.
 
     Args:
         photos: In the cameras' order.
         cameras: With these photos' pixels; metres.
-        seed: Of the search.
         report: Called after every step.
 
     Raises:
         MethodError: photos and cameras that contradict each other.
     """
-    raise MethodError("cameras cannot be refined yet", got=f"{len(photos)} photos")
+    steps = _Steps(report)
+    place = place_of([outline_of(photo, c) for photo, c in zip(photos, cameras, strict=True)])
+    rig = replace(Rig.of(cameras), points=place.centre[None])
+    spans = landmark_spans(rig)
+    maps = [distance_map(p, span, _FINE_M) for p, span in zip(photos, spans, strict=True)]
+    given = Silhouettes(tuple(maps), None, _REACH * 2.0 * place.half_height_m)
+    if given.misses_m(rig)[0] > _CALM_M:
+        for sd_m in _REFINED_M:
+            rig = solved(rig, [given.rays(rig, sd_m, _FINE_RAYS)], 10).rig
+    missed, each = given.misses_m(rig)
+    if missed > _COHERENT_M:
+        raise _contradiction(missed, each, [photo.name for photo in photos])
+    steps.done("outlines", {"missed_mm": 1e3 * missed}, 0.0)
+
+    def placed(rig: Rig, given: Silhouettes) -> tuple[Rig, Mesh]:
+        return rig, _hull(rig, given, _HULL_STEP_M)
+
+    found, matches = _by_photos(photos, rig, given, (placed, steps))
+    warnings = check_matches(found.rig, matches)
+    kept, note = _kept(cameras, found, matches, placed(found.rig, given)[1].vertices)
+    return answer(
+        (photos, np.arange(len(photos))),
+        ([photo.name for photo in photos], {}),
+        (replace(found, rig=kept), given, matches),
+        (steps.stages, (*warnings, *note)),
+        gauge="place, turn and scale of the world are those of the cameras that were given",
+    )
+
+
+def _kept(
+    given: Sequence[Camera], found: Rig, matches: Matches, places: Floats
+) -> tuple[Rig, tuple[str, ...]]:
+    """The cameras in the world that was given; those that were given where they do as well."""
+    own = found.cameras([camera.size for camera in given])
+    move = camera_similarity(own, given).similarity
+    moved = [move.camera(camera) for camera in own]
+    some = places[:: max(1, len(places) // _PLACES_ASKED)]
+    by_px = [
+        new.project(some)[0] - old.project(some)[0] for new, old in zip(moved, given, strict=True)
+    ]
+    moved_px = float(np.sqrt((np.stack(by_px) ** 2).sum(axis=2).mean()))
+    before, after = Rig.of(given), replace(Rig.of(moved), points=found.points)
+    gain = contradiction_m(after, matches) / max(contradiction_m(before, matches), 1e-12)
+    if moved_px < _LEAST_PX or not gain < _LEAST_GAIN:
+        note = f"the cameras stay as they were given: photos would move by {moved_px:.2f} pixels"
+        return replace(before, points=found.points), (note,)
+    return after, ()

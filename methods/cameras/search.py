@@ -43,17 +43,18 @@ class Silhouettes:
 
     Attributes:
         maps: Distance maps, by view.
-        told: Landmarks, by view.
+        told: Landmarks, by view; None where cameras are given.
         reach_m: How far before and behind the person's middle its rays are followed.
     """
 
     maps: tuple[DistanceMap, ...]
-    told: Detections
+    told: Detections | None
     reach_m: float
 
     def at(self, views: Sequence[int]) -> Silhouettes:
         """Those of some views."""
-        return Silhouettes(tuple(self.maps[v] for v in views), self.told.at(views), self.reach_m)
+        told = self.told and self.told.at(views)
+        return replace(self, maps=tuple(self.maps[v] for v in views), told=told)
 
     def rays(self, rig: Rig, sd_m: float, number: int = _RAYS) -> OutlineRows:
         """The outlines as rows."""
@@ -62,6 +63,7 @@ class Silhouettes:
 
     def blocks(self, rig: Rig, sd_m: float, landmark_m: float) -> list[OutlineRows | LandmarkRows]:
         """Both as rows."""
+        assert self.told is not None
         marks = LandmarkRows(self.told, landmark_spans(rig), landmark_m, space_weight=0.1)
         return [self.rays(rig, sd_m), marks]
 
@@ -147,6 +149,7 @@ def _searched(rig: Rig, given: Silhouettes) -> tuple[Rig, Silhouettes, bool]:
 
 def _turned(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouettes] | None:
     """The rig and landmarks with one view where it costs least; None if that is where it is."""
+    assert given.told is not None
     exchanged = np.arange(len(rig)) == view
     ways = [given, replace(given, told=given.told.mirrored(exchanged))]
     here = _refined(rig, given, view)

@@ -1,0 +1,159 @@
+"""What is left in cameras that were found, and when they are not to be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from harness.core.arrays import Floats, Ints
+from harness.core.errors import MethodError
+from methods.cameras.adjustment import Rig, Solved
+from methods.cameras.landmarks import landmark_spans
+from methods.cameras.matches import LEAST_MATCHES, Matches, contradiction_m, met, photo_pairs
+from methods.cameras.search import Silhouettes, upright
+from methods.cameras.values import GAUGE, EstimatedCameras, PhotoReport, PhotoView, StageReport
+
+#: Views that leave more than this unseen cannot be trusted; photos further apart are not matched.
+_MOST_GAP_DEG, _MATCHED_DEG = 85.0, 65.0
+#: Where a pair of photos has this many matches, clothes have features enough.
+_PLENTY = 4 * LEAST_MATCHES
+#: Matches that were held out lie this far from their epipolar lines at most, in the median, metres
+#: at the subject; and two pairs of photos contradict each other by this much.
+_MOST_OFF_M, _MOST_APART_M = 0.0012, 0.003
+#: So many ways in which all cameras together can move without a photo telling: turn, shift, scale.
+_GAUGE = 7
+
+
+def check_round(rig: Rig) -> tuple[str, ...]:
+    """Warnings of views that have no neighbour to be matched with.
+
+    Raises:
+        MethodError: the views leave a side of the person unseen.
+    """
+    up, centre = upright(rig), rig.points.mean(axis=0)
+    away = rig.eyes - centre
+    level = away - np.outer(away @ up, up)
+    ahead = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
+    angles = np.degrees(np.arctan2(level @ np.cross(up, ahead), level @ ahead)) % 360
+    ordered = np.sort(angles)
+    gap_deg = float(np.diff(np.append(ordered, ordered[0] + 360)).max())
+    if gap_deg > _MOST_GAP_DEG:
+        raise MethodError(
+            "the photos do not go round the person",
+            expected=f"no gap of more than {_MOST_GAP_DEG:.0f} degrees",
+            got=f"{gap_deg:.0f} degrees that no photo shows",
+            hint="Take photos from all sides, about 45 degrees apart",
+        )
+    if gap_deg > _MATCHED_DEG:
+        text = f"two neighbouring photos are {gap_deg:.0f} degrees apart: they cannot be matched"
+        return (text,)
+    return ()
+
+
+def unmatched(rig: Rig, matches: Matches) -> int | None:
+    """The view whose photo looks like none of its neighbours', though those look like others."""
+    pairs = photo_pairs(rig, rig.points.mean(axis=0))
+    counts = matches.counts()
+    each = np.array([counts.get(pair, 0) for pair in pairs])
+    if not len(each) or np.median(each) < _PLENTY:
+        return None
+    own = np.array(
+        [max((n for pair, n in zip(pairs, each, strict=True) if view in pair), default=_PLENTY)
+         for view in range(len(rig))]
+    )  # fmt: skip
+    worst = int(np.argmin(own))
+    return worst if own[worst] < LEAST_MATCHES else None
+
+
+def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
+    """Warnings of photos that tell too little.
+
+    Raises:
+        MethodError: matches contradict the cameras.
+    """
+    pairs = photo_pairs(rig, rig.points.mean(axis=0))
+    counts = matches.counts()
+    few = sum(counts.get(pair, 0) < LEAST_MATCHES for pair in pairs)
+    judged = matches.of(matches.held_out)
+    if len(judged) < LEAST_MATCHES:
+        return (
+            "neighbouring photos have nearly nothing in common, as with plain clothes: the cameras "
+            "are those of outlines alone, which are off by up to a pixel",
+        )
+    spans = landmark_spans(rig)[judged.views[:, 1]]
+    off_m = float(np.median(np.abs(met(rig, judged).off_px) * spans))
+    apart_m = contradiction_m(rig, matches)
+    if off_m > _MOST_OFF_M or apart_m > _MOST_APART_M:
+        raise MethodError(
+            "the photos contradict each other",
+            expected=f"matches within {1e3 * _MOST_OFF_M:.1f} mm of what the cameras tell, and "
+            f"places within {1e3 * _MOST_APART_M:.0f} mm",
+            got=f"{1e3 * off_m:.1f} mm and {1e3 * apart_m:.1f} mm",
+            hint="Probably the person moved between the photos",
+        )
+    if few:
+        return (f"{few} of {len(pairs)} pairs of neighbouring photos have hardly a match",)
+    return ()
+
+
+def spreads(found: Solved) -> tuple[Floats, float]:
+    """(C, 6, 6) covariances of cameras, relative to all of them, and the factor's deviation.
+
+    They follow from the normal equations, without the ways in which all cameras can move together.
+    """
+    rig = found.rig
+    count = 6 * len(rig) + (rig.factor_sd > 0)
+    unit = np.ones(count)
+    unit[: 6 * len(rig)] = np.tile([1.0] * 3 + [float(rig.shifts[:, 2].mean())] * 3, len(rig))
+    values, vectors = np.linalg.eigh(found.matrix[:count, :count] * np.outer(unit, unit))
+    kept = np.arange(count) >= _GAUGE
+    vectors = vectors[:, kept] * unit[:, None]
+    whole = (vectors / np.maximum(values[kept], 1e-12)) @ vectors.T
+    own = [whole[6 * v : 6 * v + 6, 6 * v : 6 * v + 6] for v in range(len(rig))]
+    return np.stack(own), float(np.sqrt(whole[-1, -1])) if rig.factor_sd > 0 else 0.0
+
+
+def answer(
+    views: tuple[Sequence[PhotoView], Ints],
+    named: tuple[Sequence[str], dict[int, str]],
+    found: tuple[Solved, Silhouettes, Matches],
+    told: tuple[Sequence[StageReport], Sequence[str]],
+    gauge: str = GAUGE,
+) -> EstimatedCameras:
+    """The cameras in the order in which photos were given.
+
+    Args:
+        views: The photos of the rig, and their numbers among those given.
+        named: The names of all that were given, and why some were left out, by number.
+        found: The least cost, the outlines, and the matches.
+        told: Stages and warnings.
+        gauge: What was not observed.
+    """
+    (photos, numbers), (names, left_out), (best, given, matches) = views, named, found
+    rig = best.rig
+    own, factor_sd = spreads(best)
+    misses = given.misses_m(rig)[1] / landmark_spans(rig)
+    off = np.abs(met(rig, matches).off_px)
+    cameras = dict(zip(numbers, rig.cameras([photo.size for photo in photos]), strict=True))
+    place = {int(number): view for view, number in enumerate(numbers)}
+    reports: list[PhotoReport] = []
+    for number, name in enumerate(names):
+        if number not in place:
+            reports.append(PhotoReport(name, np.nan, 0, np.nan, left_out[number]))
+            continue
+        mine = off[(matches.views == place[number]).any(axis=1)]
+        match_px = float(np.median(mine)) if len(mine) else np.nan
+        reports.append(PhotoReport(name, float(misses[place[number]]), len(mine), match_px))
+    everyone = range(len(names))
+    return EstimatedCameras(
+        cameras=tuple(cameras.get(n) for n in everyone),
+        covariances=tuple(own[place[n]] if n in place else None for n in everyone),
+        focal_px=tuple(float(cameras[n].K[0, 0]) if n in place else np.nan for n in everyone),
+        focal_relative_sd=factor_sd,
+        stages=tuple(told[0]),
+        photos=tuple(reports),
+        contradiction_mm=1e3 * contradiction_m(rig, matches),
+        warnings=tuple(told[1]),
+        gauge=gauge,
+    )
