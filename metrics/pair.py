@@ -159,7 +159,7 @@ def icp(moving: Floats, fixed: Floats, how: Alignment) -> tuple[Floats, int]:
         moving = moving @ step[:3, :3].T + step[:3, 3]
         matrix = step @ matrix
         rounds += 1
-        before, cost = cost, float(((targets - moving) ** 2).sum(axis=1).mean())
+        before, cost = cost, _squares(targets - moving) / len(moving)
         if before - cost < how.threshold:
             break
     return matrix, rounds
@@ -171,14 +171,19 @@ def similarity(moving: Floats, fixed: Floats, *, scale: bool, reflection: bool) 
     Its scale is the ratio of the two sizes, not the one of least squares.
     """
     middle, target = moving.mean(axis=0), fixed.mean(axis=0)
-    left, _, right = np.linalg.svd((fixed - target).T @ (moving - middle))
+    moving, fixed = moving - middle, fixed - target
+    left, _, right = np.linalg.svd(fixed.T @ moving)
     if not reflection:
         left[:, 2] *= np.linalg.det(left @ right)
-    size = np.sqrt(((fixed - target) ** 2).sum() / ((moving - middle) ** 2).sum()) if scale else 1.0
+    size = np.sqrt(_squares(fixed) / _squares(moving)) if scale else 1.0
     matrix = np.eye(4)
     matrix[:3, :3] = size * (left @ right)
     matrix[:3, 3] = target - matrix[:3, :3] @ middle
     return matrix
+
+
+def _squares(vectors: Floats) -> float:
+    return float(np.einsum("ij,ij->", vectors, vectors))
 
 
 def _box_onto_box(mine: Floats, true: Floats, *, heights: bool) -> Floats:

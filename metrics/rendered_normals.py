@@ -54,6 +54,25 @@ def rendered_distance(predicted: Portraits, truth: Portraits, how: Pictures) -> 
     return total / (high * wide)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What N rays meet: how deep, in the frame's unit, infinite where nothing; face and corners."""
+
+    depth: Floats
+    faces: Ints
+    barycentric: Floats
+
+    def of(self, chosen: Ints | Mask) -> _Seen:
+        return _Seen(self.depth[chosen], self.faces[chosen], self.barycentric[chosen])
+
+    def and_of(self, other: _Seen) -> _Seen:
+        return _Seen(
+            np.concatenate([self.depth, other.depth]),
+            np.concatenate([self.faces, other.faces]),
+            np.concatenate([self.barycentric, other.barycentric]),
+        )
+
+
 class Portraits:
     """Pictures of one surface (metres) in one window; what they have in common is made once."""
 
@@ -75,16 +94,16 @@ class Portraits:
         self, yaw_deg: float, weights: Literal["area", "angle"], blur: float, reach: float
     ) -> tuple[Mask, Floats]:
         """(512, 512) whether a surface is seen, and the (M, 3) interpolated normals there."""
-        pixels, shift, depth = self._seen(yaw_deg, blur)
-        origins, away = self._origins(yaw_deg, pixels, shift), -_axes(yaw_deg)[2]
-        ray, distance, faces, barycentric = self._surface.crossings(origins, away, first=reach == 0)
+        pixels, shift, seen = self._seen(yaw_deg, blur)
         values, corners = self._by_area if weights == "area" else self._by_angle
-        blended = _weighted(values, corners[faces], barycentric)
         covered = np.zeros((_SIDE, _SIDE), dtype=bool)
         if not reach:
-            covered[tuple(pixels[ray].T)] = True
-            return covered, blended
-        behind = distance * self._window.per_metre - depth[ray]
+            covered[tuple(pixels.T)] = True
+            return covered, _weighted(values, corners[seen.faces], seen.barycentric)
+        origins, away = self._origins(yaw_deg, pixels, shift), -_axes(yaw_deg)[2]
+        ray, distance, faces, barycentric = self._surface.crossings(origins, away)
+        blended = _weighted(values, corners[faces], barycentric)
+        behind = distance * self._window.per_metre - seen.depth[ray]
         share = np.exp(-np.maximum(behind, 0.0) / reach)
         total = np.bincount(ray, share, len(origins))
         sums = [np.bincount(ray, share * axis, len(origins)) for axis in blended.T]
@@ -92,30 +111,34 @@ class Portraits:
         covered[tuple(pixels[met].T)] = True
         return covered, (np.stack(sums, axis=1)[met] / total[met, None])
 
-    def _look(self, yaw_deg: float, blur: float) -> tuple[Ints, Floats, Floats]:
-        """The (N, 2) pixels in which something is seen, where in each, and how deep.
+    def _look(self, yaw_deg: float, blur: float) -> tuple[Ints, Floats, _Seen]:
+        """The (N, 2) pixels in which something is seen, where in each, and what.
 
         Beside an outline, a face that comes near enough to the pixel's centre counts.
         """
         if not blur:
             pixels = self._frame(yaw_deg)
-            depth = self._depth(yaw_deg, pixels, np.zeros((len(pixels), 2)))
-            met = np.isfinite(depth)
-            return pixels[met], np.zeros((int(met.sum()), 2)), depth[met]
+            seen = self._cast(yaw_deg, pixels, np.zeros((len(pixels), 2)))
+            met = np.isfinite(seen.depth)
+            return pixels[met], np.zeros((int(met.sum()), 2)), seen.of(met)
         sharp, _, known = self._seen(yaw_deg, 0.0)
-        image = np.full((_SIDE, _SIDE), np.inf)
-        image[tuple(sharp.T)] = known
+        # What is seen in each pixel, by its number: the nearest surface at first.
+        which = np.full((_SIDE, _SIDE), -1)
+        which[tuple(sharp.T)] = np.arange(len(sharp))
+        image = np.append(known.depth, np.inf)[which]
         beside = np.stack(np.nonzero(_beside_steps(image)), axis=1)
-        shift = np.zeros((_SIDE, _SIDE, 2))
         angles = np.arange(8) * np.pi / 4
         around = blur * np.stack([np.sin(angles), np.cos(angles)], axis=1)
-        of_all = np.tile(beside, (8, 1)), np.repeat(around, len(beside), axis=0)
-        for found, moved in zip(self._depth(yaw_deg, *of_all).reshape(8, -1), around, strict=True):
-            nearer = found < image[tuple(beside.T)] - _STEP
+        moved = np.repeat(around, len(beside), axis=0)
+        found = self._cast(yaw_deg, np.tile(beside, (8, 1)), moved)
+        for turn, depth in enumerate(found.depth.reshape(8, -1)):
+            nearer = np.flatnonzero(depth < image[tuple(beside.T)] - _STEP)
             chosen = tuple(beside[nearer].T)
-            image[chosen], shift[chosen] = found[nearer], moved
-        pixels = np.stack(np.nonzero(np.isfinite(image)), axis=1)
-        return pixels, shift[tuple(pixels.T)], image[tuple(pixels.T)]
+            image[chosen], which[chosen] = depth[nearer], len(sharp) + turn * len(beside) + nearer
+        pixels = np.stack(np.nonzero(which >= 0), axis=1)
+        chosen = which[tuple(pixels.T)]
+        shift = np.concatenate([np.zeros((len(sharp), 2)), moved])[chosen]
+        return pixels, shift, known.and_of(found).of(chosen)
 
     def _frame(self, yaw_deg: float) -> Ints:
         """(N, 2) row and column of the pixels around the surface, row by row."""
@@ -141,13 +164,16 @@ class Portraits:
         there = np.stack([column, -row, np.full(len(row), _FAR)], axis=1)
         return self._middle + (there / self._window.per_metre) @ _axes(yaw_deg)
 
-    def _depth(self, yaw_deg: float, pixels: Ints, shift: Floats) -> Floats:
-        """(N,) how deep, in the frame's unit, the nearest surface is; infinite where none is."""
-        depth = np.full(len(pixels), np.inf)
-        origins = self._origins(yaw_deg, pixels, shift)
-        ray, distance, _, _ = self._surface.crossings(origins, -_axes(yaw_deg)[2], first=True)
-        depth[ray] = distance * self._window.per_metre
-        return depth
+    def _cast(self, yaw_deg: float, pixels: Ints, shift: Floats) -> _Seen:
+        """What the rays of (N, 2) pixels meet first, each moved by a part of a pixel."""
+        origins, count = self._origins(yaw_deg, pixels, shift), len(pixels)
+        seen = _Seen(np.full(count, np.inf), np.zeros(count, np.int64), np.zeros((count, 3)))
+        ray, distance, faces, barycentric = self._surface.crossings(
+            origins, -_axes(yaw_deg)[2], first=True
+        )
+        seen.depth[ray] = distance * self._window.per_metre
+        seen.faces[ray], seen.barycentric[ray] = faces, barycentric
+        return seen
 
     @property
     def _by_area(self) -> tuple[Floats, Ints]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -92,11 +93,11 @@ def _rooms(surface: SurfaceIndex) -> tuple[Ints, Ints, float]:
         free.ravel()[cells + sum(np.compress(chosen, spans, axis=0))] = False
     for (x, y, z), (right, top, front) in zip(low[wide], high[wide], strict=True):
         free[x : right + 1, y : top + 1, z : front + 1] = False
-    room_of, count = label(free)
-    first = np.zeros(count + 1, dtype=np.int64)
-    flat = room_of.ravel()
+    labelled: Any = label(free)
+    flat: Ints = labelled[0].ravel()
+    first = np.zeros(labelled[1] + 1, dtype=np.int64)
     first[flat[::-1]] = np.arange(len(flat))[::-1]
-    return room_of, first, cell_m
+    return labelled[0], first, cell_m
 
 
 def _wound(surface: SurfaceIndex, points: Floats) -> Mask:
