@@ -62,12 +62,20 @@ def ssim_map(picture: Floats, photo: Floats) -> Floats:
     Within half a window of the border, the picture is continued by reflection.
     """
     _check(picture, photo)
+    (light, bright), (contrast, strong) = _structure(picture, photo)
+    return light * contrast / (bright * strong)
+
+
+def _structure(
+    picture: Floats, photo: Floats
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """(H, W) similarity of luminance, and of contrast and structure, each as a fraction."""
     mean_a, mean_b = _windowed(picture), _windowed(photo)
     variance_a = _windowed(picture**2) - mean_a**2
     variance_b = _windowed(photo**2) - mean_b**2
     covariance = _windowed(picture * photo) - mean_a * mean_b
-    likeness_ = (2.0 * mean_a * mean_b + _C1) * (2.0 * covariance + _C2)
-    return likeness_ / ((mean_a**2 + mean_b**2 + _C1) * (variance_a + variance_b + _C2))
+    light = 2.0 * mean_a * mean_b + _C1, mean_a**2 + mean_b**2 + _C1
+    return light, (2.0 * covariance + _C2, variance_a + variance_b + _C2)
 
 
 def _check(picture: Floats, photo: Floats) -> None:
@@ -378,6 +386,8 @@ def view_numbers(
 ) -> dict[str, float]:
     """``psnr`` in dB and ``ssim`` of pictures (H, W, 3) in [0, 1], both rounded to 8 bits first.
 
+    Also ``ms_ssim`` where the crop is large enough for five scales.
+
     Args:
         rendered: What a method made.
         photo: The true picture.
@@ -401,7 +411,42 @@ def view_numbers(
     box = _box(mask, recipe.margin_px)
     mine, true = (each[box] for each in pictures)
     within = mask[box] if recipe.psnr_over == "mask" else np.ones(mask[box].shape, dtype=bool)
-    return {"psnr": psnr_db(mine[within], true[within]), "ssim": _ssim(mine, true, recipe.ssim)}
+    found = {"psnr": psnr_db(mine[within], true[within]), "ssim": _ssim(mine, true, recipe.ssim)}
+    several = ms_ssim(mine, true)
+    return found if several is None else {**found, "ms_ssim": several}
+
+
+#: What each scale counts, the finest first.
+_SCALES = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
+
+
+def ms_ssim(picture: Floats, photo: Floats) -> float | None:
+    """Structural similarity over five scales of pictures (H, W, C) in [0, 1], mean of channels.
+
+    Windows lie wholly within the picture, each scale is half the one before (means of 2 x 2), and
+    what is negative counts 0. None where the coarsest scale has no room for a window.
+
+    Source: Wang, Simoncelli & Bovik, Multiscale structural similarity, 2003.
+    """
+    _check(picture, photo)
+    if min(picture.shape[:2]) < _WINDOW << (len(_SCALES) - 1):
+        return None
+    inner, total = slice(_HALF_WINDOW, -_HALF_WINDOW), 0.0
+    for channel in range(picture.shape[2]):
+        mine, true, product = picture[..., channel], photo[..., channel], 1.0
+        for k, weight in enumerate(_SCALES):
+            light, contrast = (a[inner, inner] / b[inner, inner] for a, b in _structure(mine, true))
+            last = k == len(_SCALES) - 1
+            kept = float((contrast * light if last else contrast).mean())
+            product *= max(kept, 0.0) ** weight
+            mine, true = _halved(mine), _halved(true)
+        total += product
+    return total / picture.shape[2]
+
+
+def _halved(values: Floats) -> Floats:
+    high, wide = (side // 2 for side in values.shape)
+    return values[: 2 * high, : 2 * wide].reshape(high, 2, wide, 2).mean(axis=(1, 3))
 
 
 def _nearest(shape: tuple[int, ...], shorter_px: int) -> tuple[Ints, Ints]:

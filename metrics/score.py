@@ -14,13 +14,14 @@ from harness.core.mesh import Mesh
 from harness.core.protocol_stages import UNALIGNED, Aligned
 from harness.core.records import Diagnostics, DistanceSummary, FScore, MeshFacts, MetricValue
 from harness.core.settings import MetricProtocol
+from harness.core.truth import FaceRegions
 from harness.core.typed_json import to_json
 from harness.core.units import MM_PER_METRE
 from harness.geometry.surface import SurfaceIndex
 from metrics.normals import compared, normal_summary
 from metrics.pair import Pair, Placed
 from metrics.placement import check_scale_and_place, check_turn, unit_warnings
-from metrics.summary import measured, normal_angles
+from metrics.summary import measured, normal_angles, part_numbers
 
 F_SCORE_THRESHOLDS_MM = (5, 10, 20, 50)
 #: Faces of a closed surface cancel as vectors. Up to this share of the area, what is open is too
@@ -117,6 +118,8 @@ def winding_warnings(meshes: Mapping[str, MeshFacts], normal_errors_deg: Floats)
 
 #: What the truth itself does not score 0 or 1 in, because of points or edges.
 _WITH_FLOOR = frozenset({"samples", "sample_cosine", "surface_cosine", "edges"})
+#: The protocol whose program measures hands and face apart.
+_WITH_PARTS = "xavatar"
 #: Where axes are looked at, with fewer points than the first, so many are drawn for that alone.
 _TELLING = 10_000
 _TURN_SAMPLES: dict[str, Any] = {"samples": 30_000, "sampling": "independent"}
@@ -221,10 +224,12 @@ def score_all(
     *,
     keep_points: bool = False,
     misplaced: Misplaced = "refuse",
+    regions: FaceRegions | None = None,
 ) -> dict[str, Score | HarnessError]:
     """As ``score``, under several protocols that share what is alike, by the protocol's name.
 
-    Where one protocol cannot measure the two meshes, its place has the reason.
+    Where one protocol cannot measure the two meshes, its place has the reason. Where the regions of
+    the true faces are known, ``xavatar`` measures hands and face apart as well.
 
     Raises:
         DataError: meshes that no protocol can measure.
@@ -236,7 +241,11 @@ def score_all(
     found: dict[str, Score | HarnessError] = {}
     for protocol in protocols:
         try:
-            found[protocol.name] = _score(pair, protocol, keep_points, misplaced)
+            one = _score(pair, protocol, keep_points, misplaced)
+            if regions is not None and protocol.name == _WITH_PARTS:
+                apart = part_numbers(pair.placed(protocol), protocol, regions)
+                one = replace(one, metrics={**one.metrics, **apart})
+            found[protocol.name] = one
         except HarnessError as error:
             found[protocol.name] = error
     reasons = [each for each in found.values() if isinstance(each, HarnessError)]

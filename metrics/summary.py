@@ -14,6 +14,7 @@ from harness.core.files.hashing import derive_seed
 from harness.core.protocol_stages import Column
 from harness.core.records import MetricValue
 from harness.core.settings import MetricProtocol
+from harness.core.truth import FaceRegions
 from harness.core.units import Unit
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import half_edges
@@ -147,15 +148,53 @@ _LENGTHS = frozenset({"surface", "edges", "samples", "thinned"})
 _NEXT = 10
 
 
-def measured(placed: Placed, protocol: MetricProtocol, column: Column) -> MetricValue:
-    """One number of a protocol's summary.
+#: Parts of a person that X-Avatar measures apart, by the labels of their true faces.
+_PARTS = {"hand": ("hands",), "face": ("head", "eyes")}
+
+
+def part_numbers(
+    placed: Placed, protocol: MetricProtocol, regions: FaceRegions
+) -> dict[str, MetricValue]:
+    """A protocol's columns over hands and over the face alone, as ``hand_cd_mean``.
+
+    A predicted point is of the part that its closest true face is of. A part of which either side
+    has no point has no numbers; X-Avatar's program stops there.
+    """
+    found = {}
+    drawn = placed.mine.samples(protocol), placed.true.samples(protocol)
+    faces = placed.closest(protocol, back=False)[0].faces, drawn[1].faces
+    for part, names in _PARTS.items():
+        labels = [regions.names.index(name) for name in names if name in regions.names]
+        of_part = tuple(np.isin(regions.of_face[each], labels) for each in faces)
+        if not all(each.any() for each in of_part):
+            continue
+        for column in protocol.columns:
+            if column.of == "boxes":
+                boxes = [
+                    np.stack([points.min(axis=0), points.max(axis=0)])
+                    for points in (side.points[on] for side, on in zip(drawn, of_part, strict=True))
+                ]
+                number = MetricValue(box_iou(boxes[0], boxes[1]), column.unit, 2, 0.0)
+            else:
+                number = measured(placed, protocol, column, of_part)
+            found[f"{part}_{column.key}"] = number
+    return found
+
+
+def measured(
+    placed: Placed,
+    protocol: MetricProtocol,
+    column: Column,
+    chosen: tuple[Mask, ...] | None = None,
+) -> MetricValue:
+    """One number of a protocol's summary, of all points or of chosen predicted and true ones.
 
     Raises:
         DataError: nothing to measure: no normals, no distance near enough, a volume with a hole.
     """
     if column.of in ("boxes", "volume", "pictures"):
         return _of_both(placed, protocol, column)
-    of_direction = partial(_of_direction, placed, protocol, column)
+    of_direction = partial(_of_direction, placed, protocol, column, chosen)
     if column.way in ("to_truth", "to_prediction"):
         return of_direction(back=column.way == "to_prediction")
     there, back = of_direction(back=False), of_direction(back=True)
@@ -181,9 +220,15 @@ def _of_both(placed: Placed, protocol: MetricProtocol, column: Column) -> Metric
 
 
 def _of_direction(
-    placed: Placed, protocol: MetricProtocol, column: Column, *, back: bool
+    placed: Placed,
+    protocol: MetricProtocol,
+    column: Column,
+    chosen: tuple[Mask, ...] | None,
+    *,
+    back: bool,
 ) -> MetricValue:
     values = _values(placed, protocol, column, back=back)
+    values = values if chosen is None else values[chosen[back]]
     factor = column.factor
     if column.of in _LENGTHS:
         factor *= placed.per_metre

@@ -8,6 +8,7 @@ from harness.core.errors import HarnessError
 from harness.core.protocol_scores import ProtocolScore, ProtocolScores
 from harness.core.records import ProtocolStamp, Record
 from harness.core.settings import MetricProtocol
+from harness.core.truth import face_regions
 from harness.files.mesh_files import load_mesh
 from harness.run.progress import Progress
 from harness.run.publication import MESH_FILE
@@ -68,8 +69,10 @@ def _scored(
         ]
         if missing:
             mesh = load_mesh(folder.directory / MESH_FILE)
-            _, scan = truth.load(record.subject)
-            for name, score in score_all(mesh, scan, missing, misplaced="tell").items():
+            scan, surface = truth.load(record.subject)
+            regions = face_regions(scan, surface)
+            scores = score_all(mesh, surface, missing, misplaced="tell", regions=regions)
+            for name, score in scores.items():
                 known[name] = _filed(stamps[name], sha256, score)
             ProtocolScores(tuple(known.values())).save(folder.directory)
     return [known[name] for name in stamps]

@@ -19,6 +19,7 @@ from harness.core.errors import DataError
 from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.mesh import Mesh
 from harness.core.protocol_stages import Alignment, Frame
+from harness.core.truth import FaceRegions
 from harness.geometry.surface import SurfaceIndex
 from metrics.distance import sample_surface
 from metrics.pair import EdgeIndex, aligned, cut_below, per_metre, similarity
@@ -423,6 +424,31 @@ def test_what_lies_below_a_cut_does_not_count(shapes):
     assert half.bounds[0, 1] == pytest.approx(0.1)
     assert half.area == pytest.approx(2 * np.pi * 0.5 * 0.4, rel=0.01)
     assert (half.face_normals() * half.vertices[half.faces[:, 0]]).sum(axis=1).min() > 0
+
+
+def test_hands_and_face_are_measured_apart_where_regions_are_known(shapes):
+    """A ball for each: the hand is 10 mm off, the face is right, the rest is far off."""
+    places = {"hands": 0.0, "head": 1.0, "torso": 2.0}
+    balls = {name: shapes.sphere(0.1, (x, 0, 0), level=4) for name, x in places.items()}
+    shifts = {"hands": (0, 0, 0.01), "head": (0, 0, 0), "torso": (0, 0, 0.05)}
+    truth = shapes.joined(*balls.values())
+    predicted = shapes.joined(*(shapes.moved(ball, shifts[name]) for name, ball in balls.items()))
+    regions = FaceRegions(
+        tuple(balls), np.repeat(np.arange(3), [len(ball.faces) for ball in balls.values()])
+    )
+    rules = [FIELD_PROTOCOLS[name] for name in ("xavatar", "pifu")]
+    found = score_all(predicted, truth, rules, regions=regions)
+    values = {key: metric.value for key, metric in found["xavatar"].metrics.items()}
+    assert values["face_cd_max"] < 1e-3
+    # Half of a shift's length is what is left on average along the normals of a ball.
+    assert values["hand_cd_mean"] == pytest.approx(5, rel=0.05)
+    assert values["hand_cd_max"] == pytest.approx(10, rel=0.02)
+    assert values["cd_max"] > 40
+    assert 0.8 < values["face_box_iou"] <= 1
+    assert values["face_nc"] > 0.999 > values["hand_nc"]
+    gone = score_all(predicted.submesh(regions.of_face > 0), truth, rules, regions=regions)
+    assert "hand_nc" not in gone["xavatar"].metrics
+    assert set(gone["pifu"].metrics) == {"chamfer", "p2s"}
 
 
 WAYS = {"to_truth": "→", "to_prediction": "←", "both": "↔", "harmonic": "F"}
