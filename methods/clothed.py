@@ -169,10 +169,23 @@ class SheetPlan:
 def integrated(
     maps: ViewMaps, parameters: FrontBackParameters, device: str = "cpu"
 ) -> FrontBackDepth:
-    """Both sheets' depth of one view, under its full perspective, metres."""
+    """Both sheets' depth of one view, under its own camera, metres."""
     prior, view = BodyDepth(maps.body_near_m, maps.body_far_m), maps.view
-    normals = maps.front, maps.back
-    return integrate_front_back(normals, view.mask, prior, view.camera.K, parameters, device)
+    normals, camera = (maps.front, maps.back), view.camera
+    if not camera.is_orthographic:
+        return integrate_front_back(normals, view.mask, prior, camera.K, parameters, device)
+    # Then depth is in pixels, and the weights are carried over here.
+    per_m = float(camera.K[0, 0])
+    carried = (parameters.pixels_per_unit / per_m) ** 2
+    rules = replace(
+        parameters,
+        prior_weight=carried * parameters.prior_weight,
+        silhouette_weight=carried * parameters.silhouette_weight,
+        pixels_per_unit=per_m,
+    )
+    prior = BodyDepth(per_m * maps.body_near_m, per_m * maps.body_far_m)
+    found = integrate_front_back(normals, view.mask, prior, None, rules, device)
+    return replace(found, front=found.front / per_m, back=found.back / per_m)
 
 
 class ClothedMethod:

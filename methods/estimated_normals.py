@@ -63,8 +63,9 @@ def _seen_by(camera: Camera, window: Camera, normals: Floats) -> Floats:
     """(H, W, 3) unit normals of a window on the pixels of a camera in the same place."""
     from scipy.ndimage import map_coordinates
 
-    rays = camera.ray_directions(camera.pixel_centres().reshape(-1, 2))
-    columns, rows = window.project(camera.position + rays)[0].T - 0.5
+    pixels = camera.pixel_centres().reshape(-1, 2)
+    seen_points = camera.ray_origins(pixels) + camera.ray_directions(pixels)
+    columns, rows = window.project(seen_points)[0].T - 0.5
     blended = np.stack(
         [map_coordinates(normals[..., axis], [rows, columns], order=1) for axis in range(3)],
         axis=-1,

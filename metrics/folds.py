@@ -168,7 +168,7 @@ def fold_errors(estimate: Floats, truth: Floats, mask: Mask, pixel_m: float) -> 
 
 def pixel_size_m(camera: Camera, place: Floats) -> float:
     """Size in metres of a pixel of a camera at a place (3,) in the world."""
-    return float(np.linalg.norm(camera.position - place) / camera.K[0, 0])
+    return float(camera.spread(np.linalg.norm(camera.position - place)) / camera.K[0, 0])
 
 
 def true_normals(mesh: Mesh, yaw_deg: float = 0.0) -> tuple[Floats, Mask]:

@@ -162,7 +162,8 @@ def _pixel_m(mesh: Mesh, photos: Sequence[Photo]) -> float:
     """What a pixel spans at the middle of the mesh, in the photo that shows it largest."""
     middle = mesh.bounds.mean(axis=0)
     return min(
-        float(np.linalg.norm(photo.camera.position - middle)) / photo.camera.K[0, 0]
+        float(photo.camera.spread(np.linalg.norm(photo.camera.position - middle)))
+        / photo.camera.K[0, 0]
         for photo in photos
     )
 

@@ -25,6 +25,7 @@ from harness.core.process.source_digest import SourceTree
 from harness.core.process.threads import StepReport, silent
 from harness.core.rigs import PhotoFaults
 from harness.core.settings import RenderRecipe
+from harness.core.truth import true_body
 from harness.geometry.images import linear_from_srgb, load_rgba, save_png, srgb_from_linear
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import RENDERERS, Renderer, RenderOutcome, texture_of
@@ -190,7 +191,7 @@ class CaptureInputs:
         if "bpy" in rendering.packages:
             packages = {**packages, "bpy": _blender_version()}
         return cls(
-            scan=scan.identity(),
+            scan=scan.identity() if recipe.rig.about == "box" else scan.truth_identity(),
             recipe=recipe.to_dict(),
             code=dict(sorted({**code, **rendering.modules}.items())),
             packages=dict(sorted({**rendering.packages, **packages}.items())),
@@ -238,6 +239,7 @@ def capture(
     """
     texture_of(mesh)
     planned = CaptureInputs.of(scan, recipe, device="")  # of the code before the work
+    recipe, told = _placed(recipe, scan, mesh)
     cameras = recipe.cameras()
     images = [image_name(view) for view in range(len(cameras))]
     with atomic_directory(directory) as folder:
@@ -248,8 +250,7 @@ def capture(
         else:
             outcome = _copied(exact, folder, progress)
         if recipe.photo is not None and recipe.photo.changes_pictures:
-            seed = derive_seed(recipe.seed, scan.subject)
-            take_photos(folder, len(cameras), recipe.photo, seed)
+            take_photos(folder, len(cameras), recipe.photo, derive_seed(recipe.seed, scan.subject))
         rendered = time.perf_counter()
         proofs = prove(mesh, cameras, folder)
         require_proof(proofs, recipe.minimum_mask_iou, f"'{scan.subject}'")
@@ -265,7 +266,7 @@ def capture(
             cameras=given,
             front_yaw_deg=scan.front_yaw_deg,
             warnings=tuple(
-                dict.fromkeys((*scan.warnings, *cut_warnings(proofs), *outcome.warnings))
+                dict.fromkeys((*scan.warnings, *told, *cut_warnings(proofs), *outcome.warnings))
             ),
             provenance=_provenance(scan, inputs, outcome, proofs)
             | _calibration(mesh, cameras, given)
@@ -275,6 +276,18 @@ def capture(
         write_transforms_json(folder / "transforms.json", given, images)
         write_json(folder / "capture.json", result.to_dict())
     return result
+
+
+def _placed(recipe: RenderRecipe, scan: Scan, mesh: Mesh) -> tuple[RenderRecipe, tuple[str, ...]]:
+    """The recipe with its ring about this subject, and what to know of it."""
+    body = None if recipe.rig.about == "box" else true_body(scan)
+    rig = recipe.rig.placed(mesh.bounds, None if body is None else body.joints[0])
+    told = ()
+    if recipe.rig.about != "box" and body is None:
+        told = (
+            "the scan has no true body: photos are about the middle of its box, not its pelvis",
+        )
+    return replace(recipe, rig=rig), told
 
 
 def _copied(exact: Capture, folder: Path, progress: StepReport) -> RenderOutcome:

@@ -114,7 +114,8 @@ def _outline_pixels(caster: Raycaster, normals_world: Floats, camera: Camera) ->
     the projected normal, a ray hits nothing.
     """
     mesh = caster.mesh
-    toward = camera.position - mesh.vertices[mesh.faces[:, 0]]
+    corners = mesh.vertices[mesh.faces[:, 0]]
+    toward = camera.eye_of(corners) - corners
     front = np.einsum("ij,ij->i", mesh.face_normals(), toward) > 0
     seen, hidden = np.zeros((2, len(mesh.vertices)), dtype=bool)
     seen[mesh.faces[front]] = True

@@ -1,4 +1,7 @@
-"""The pinhole camera: the only code that projects, unprojects, resizes, crops or turns one.
+"""A camera of either kind: the only code that projects, unprojects, resizes, crops or turns one.
+
+A perspective camera sees along rays through its optical centre, an orthographic one along its axis.
+Weak perspective is an orthographic camera whose scale is that of one depth: ``weak_perspective``.
 
 OpenCV axes: x right, y down, z forward. The centre of the top-left pixel is (0.5, 0.5), so an image
 of width w spans x from 0 to w; this is the one place where that half pixel is decided.
@@ -8,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +19,7 @@ from numpy.typing import ArrayLike
 from harness.core.arrays import Floats
 from harness.core.errors import DataError
 
+Kind = Literal["perspective", "orthographic"]
 _ROTATION_TOLERANCE = 1e-5
 
 
@@ -29,23 +33,27 @@ def rigid_inverse(transform: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """An immutable calibrated pinhole camera.
+    """An immutable calibrated camera.
 
     Attributes:
-        K: (3, 3) intrinsics in pixels, last row (0, 0, 1).
+        K: (3, 3) intrinsics, last row (0, 0, 1): pixels, or of an orthographic camera pixels per
+            metre where a perspective one has its focal lengths.
         world_to_camera: (4, 4) rigid transform from world metres to OpenCV camera metres.
         width: Image width in pixels.
         height: Image height in pixels.
+        kind: ``perspective`` or ``orthographic``. Depths of an orthographic camera count from the
+            plane of its origin, and it does not see what lies behind, as a perspective one.
 
     Raises:
         DataError: wrong shapes, non-finite numbers, a focal length or size that is not positive,
-            skew, or a rotation that is not one.
+            skew, a rotation that is not one, or another kind.
     """
 
     K: Floats
     world_to_camera: Floats
     width: int
     height: int
+    kind: Kind = "perspective"
 
     def __post_init__(self) -> None:
         for name, shape in (("K", (3, 3)), ("world_to_camera", (4, 4))):
@@ -63,6 +71,10 @@ class Camera:
 
     def _check(self) -> None:
         rotation = self.world_to_camera[:3, :3]
+        if self.kind not in ("perspective", "orthographic"):
+            raise DataError(
+                "not a kind of camera", expected="perspective or orthographic", got=str(self.kind)
+            )
         if self.width < 1 or self.height < 1:
             raise DataError("camera has no pixels", got=f"{self.width} x {self.height}")
         fx, skew, _, shear, fy, _, *last = self.K.ravel()
@@ -97,14 +109,45 @@ class Camera:
         return rigid_inverse(self.world_to_camera)
 
     @property
+    def is_orthographic(self) -> bool:
+        """Whether its rays are parallel."""
+        return self.kind == "orthographic"
+
+    @property
     def position(self) -> Floats:
-        """(3,) the optical centre in world metres."""
+        """(3,) the camera's origin in world metres: the optical centre of a perspective one."""
         return self.camera_to_world[:3, 3]
 
     @property
     def forward(self) -> Floats:
         """(3,) unit viewing direction in world axes."""
         return self.rotation[2]
+
+    @property
+    def projection(self) -> Floats:
+        """(3, 4) from homogeneous world points to homogeneous pixels."""
+        in_camera = self.world_to_camera[:3]
+        if self.is_orthographic:
+            in_camera = np.stack([*in_camera[:2], [0.0, 0.0, 0.0, 1.0]])
+        return self.K @ in_camera
+
+    def spread(self, depth: ArrayLike) -> Floats:
+        """What a pixel's extent grows with: depths (...) in metres, or 1 with parallel rays.
+
+        A pixel spans ``spread(depth) / K[0, 0]`` metres.
+        """
+        depth = np.asarray(depth)
+        return np.ones_like(depth) if self.is_orthographic else depth
+
+    def eye_of(self, points_world: Floats) -> Floats:
+        """(N, 3) where the rays to world points (N, 3) start: the optical centre where all meet.
+
+        The rays of an orthographic camera start in the plane through its origin.
+        """
+        if self.is_orthographic:
+            away = (points_world - self.position) @ self.forward
+            return points_world - away[:, None] * self.forward
+        return np.broadcast_to(self.position, points_world.shape)
 
     def project(self, points_world: ArrayLike) -> tuple[Floats, Floats]:
         """Pixels (N, 2) and depths (N,) in metres of world points (N, 3).
@@ -114,18 +157,33 @@ class Camera:
         points = np.asarray(points_world, dtype=np.float64)
         in_camera = points @ self.rotation.T + self.world_to_camera[:3, 3]
         depth = in_camera[:, 2]
+        if self.is_orthographic:
+            in_camera = np.column_stack([in_camera[:, :2], np.ones(len(points))])
         with np.errstate(divide="ignore", invalid="ignore"):
-            normalised = in_camera / np.where(depth > 0, depth, np.nan)[:, None]
+            normalised = in_camera / np.where(depth > 0, self.spread(depth), np.nan)[:, None]
         return (normalised @ self.K.T)[:, :2], depth
 
     def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> Floats:
         """World points (N, 3) at pixels (N, 2) and depths (N,) in metres along the optical axis."""
-        in_camera = self._rays_camera(pixels) * np.asarray(depth, dtype=np.float64)[:, None]
+        depth = np.asarray(depth, dtype=np.float64)
+        in_camera = self._rays_camera(pixels)
+        if self.is_orthographic:
+            in_camera[:, 2] = depth
+        else:
+            in_camera *= depth[:, None]
         return (in_camera - self.world_to_camera[:3, 3]) @ self.rotation
 
     def ray_directions(self, pixels: ArrayLike) -> Floats:
         """World directions (N, 3) through pixels (N, 2), of unit depth along the optical axis."""
+        if self.is_orthographic:
+            return np.tile(self.forward, (len(np.asarray(pixels)), 1))
         return self._rays_camera(pixels) @ self.rotation
+
+    def ray_origins(self, pixels: ArrayLike) -> Floats:
+        """World points (N, 3) where the rays through pixels (N, 2) start."""
+        if self.is_orthographic:
+            return self.unproject(pixels, np.zeros(len(np.asarray(pixels))))
+        return np.broadcast_to(self.position, (len(np.asarray(pixels)), 3))
 
     def _rays_camera(self, pixels: ArrayLike) -> Floats:
         pixels = np.asarray(pixels, dtype=np.float64)
@@ -157,18 +215,34 @@ class Camera:
         turn[:3, :3] = np.asarray(rotation_camera, dtype=np.float64)
         return replace(self, world_to_camera=turn @ self.world_to_camera)
 
+    def weak_perspective(self, depth_m: float) -> Camera:
+        """The orthographic camera that sees what lies at a depth, metres, as this one does."""
+        if self.is_orthographic:
+            return self
+        return replace(self, kind="orthographic").posed(self.world_to_camera, depth_m)
+
+    def posed(self, world_to_camera: Floats, scale: float) -> Camera:
+        """The camera of the same picture with another pose, in a world ``scale`` times as large."""
+        shrunk = np.diag([1.0 / scale, 1.0 / scale, 1.0])
+        K = self.K @ shrunk if self.is_orthographic else self.K
+        return replace(self, K=K, world_to_camera=world_to_camera)
+
     def in_frame(self, world_to_other: Floats) -> Camera:
         """The same camera described in another world frame, by a (4, 4) rigid transform to it."""
         return replace(self, world_to_camera=self.world_to_camera @ rigid_inverse(world_to_other))
 
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON values; ``Camera.from_dict`` reads them back without loss."""
-        return {
+        """Plain JSON values; ``Camera.from_dict`` reads them back without loss.
+
+        ``kind`` is said where the camera is orthographic; without it a camera is perspective.
+        """
+        values: dict[str, object] = {
             "K": self.K.tolist(),
             "world_to_camera": self.world_to_camera.tolist(),
             "width": self.width,
             "height": self.height,
         }
+        return {**values, "kind": self.kind} if self.is_orthographic else values
 
     @classmethod
     def from_dict(cls, value: Mapping[str, Any]) -> Camera:
@@ -183,6 +257,7 @@ class Camera:
                 world_to_camera=np.array(value["world_to_camera"], dtype=np.float64),
                 width=int(value["width"]),
                 height=int(value["height"]),
+                kind=value.get("kind", "perspective"),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(

@@ -142,8 +142,33 @@ def _located(path: Path) -> Generator[None]:
         raise error.located(path) from error
 
 
+def require_perspective(cameras: Sequence[Camera], form: str) -> None:
+    """Refuse cameras of a kind that a form of file does not have.
+
+    Raises:
+        DataError: one of them is orthographic.
+    """
+    for number, camera in enumerate(cameras):
+        if camera.is_orthographic:
+            raise DataError(
+                f"camera {number} cannot be written in {form}",
+                expected="perspective cameras",
+                got="an orthographic one",
+                hint="Export as nerfstudio, which has both kinds",
+            )
+
+
 def write_transforms_json(path: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
-    """Write nerfstudio's ``transforms.json``: OpenGL camera-to-world matrices, world with +Z up."""
+    """Write nerfstudio's ``transforms.json``: OpenGL camera-to-world matrices, world with +Z up.
+
+    Orthographic cameras are nerfstudio's ``ORTHOPHOTO``, whose focal lengths are pixels per metre.
+
+    Raises:
+        DataError: cameras of both kinds, of which the file has one.
+    """
+    parallel = {camera.is_orthographic for camera in cameras} == {True}
+    if not parallel:
+        require_perspective(cameras, "one file with perspective ones")
     frames = [
         {
             "file_path": image,
@@ -157,11 +182,17 @@ def write_transforms_json(path: Path, cameras: Sequence[Camera], images: Sequenc
         }
         for camera, image in zip(cameras, images, strict=True)
     ]
-    write_json(path, {"camera_model": "OPENCV", "frames": frames})
+    model = "ORTHOPHOTO" if parallel else "OPENCV"
+    write_json(path, {"camera_model": model, "frames": frames})
 
 
 def write_colmap(directory: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
-    """Write COLMAP's text model, world unchanged: cameras, images, and no points."""
+    """Write COLMAP's text model, world unchanged: cameras, images, and no points.
+
+    Raises:
+        DataError: an orthographic camera, which COLMAP does not have.
+    """
+    require_perspective(cameras, "COLMAP's form")
     camera_lines: list[str] = []
     image_lines: list[str] = []
     for index, (camera, image) in enumerate(zip(cameras, images, strict=True), start=1):

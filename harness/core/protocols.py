@@ -132,6 +132,7 @@ class MethodInfo:
             method that claims no publication.
         view_count: How many of all views it takes, as evenly apart as can be; None for those in
             ``views``.
+        needs_perspective: Why it takes no orthographic photos, one sentence; empty if it does.
 
     Raises:
         MethodError: parameters that are not grouped by room.
@@ -147,6 +148,7 @@ class MethodInfo:
     )
     deviations: tuple[Deviation, ...] = ()
     view_count: int | None = None
+    needs_perspective: str = ""
 
     def __post_init__(self) -> None:
         # Methods of third parties are not type-checked with ours.

@@ -573,7 +573,7 @@ def _upgraded(document: dict[str, Any]) -> dict[str, Any]:
             "shared_work": [],
             **document,
             "normal_maps": [{"folds": None, **errors} for errors in document["normal_maps"]],
-            "method": {"view_count": None, **document["method"]},
+            "method": {"view_count": None, "needs_perspective": "", **document["method"]},
             "capture": {"views": 0, **document["capture"]},
         }
     except (KeyError, TypeError):

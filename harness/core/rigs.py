@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import asdict, dataclass, fields, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from harness.core.arrays import Floats
 from harness.core.camera import Camera, look_at
 from harness.core.errors import DataError
 
@@ -43,7 +44,7 @@ def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> t
 
 @dataclass(frozen=True, slots=True)
 class RingRig:
-    """Cameras evenly spaced on a circle around the origin, all at one pitch.
+    """Cameras evenly spaced on a circle around what they look at, all at one pitch.
 
     Yaw is 0 in front of the subject (on +Z) and grows towards its left (+X). By default view 0 is
     frontal: with eight views, our ``ring8``, number 2 is on +X and number 4 is the back. The
@@ -51,12 +52,19 @@ class RingRig:
 
     Attributes:
         views: Number of cameras.
-        radius_m: Distance of every camera from the origin, metres.
+        radius_m: Distance of every camera from what it looks at, metres.
         pitch_deg: How far the cameras are lifted above the horizon, degrees; they keep looking at
-            the origin.
+            the same point.
         lens_mm: Focal length, millimetres.
         sensor_mm: Sensor length along the image's longer side, millimetres.
         first_yaw_deg: Yaw of view 0, degrees.
+        span_m: What the image's longer side spans, metres: the cameras are orthographic, and lens
+            and sensor do not count. 0 for perspective ones.
+        span_heights: The same, as a multiple of the subject's height.
+        about: What they look at: the world's origin, where the middle of the subject's ``box`` is;
+            the ``root`` joint of its true body, the pelvis; or its ``axis``, the point above or
+            below that joint in the middle of the box's height.
+        target_m: (x, y, z) of what they look at, world metres; ``about`` moves it.
     """
 
     views: int = 8
@@ -65,10 +73,47 @@ class RingRig:
     lens_mm: float = 50.0
     sensor_mm: float = 36.0
     first_yaw_deg: float = 0.0
+    span_m: float = 0.0
+    span_heights: float = 0.0
+    about: Literal["box", "root", "axis"] = "box"
+    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def placed(self, bounds: Floats, root: Floats | None) -> RingRig:
+        """The ring about one subject.
+
+        Args:
+            bounds: (2, 3) corners of the subject's box, world metres.
+            root: (3,) the true body's first joint, world metres; None takes the middle of the box.
+        """
+        low, high = bounds
+        span_m = self.span_m or self.span_heights * float(high[1] - low[1])
+        if self.about == "box" or root is None:
+            return replace(self, span_m=span_m)
+        x, y, z = (float(each) for each in root)
+        middle = y if self.about == "root" else float(low[1] + high[1]) / 2
+        return replace(self, span_m=span_m, target_m=(x, middle, z))
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain JSON values; what was added later is not said where it is as it always was."""
+        later = {each.name: each.default for each in fields(self)[-4:]}
+        return {
+            name: value
+            for name, value in asdict(self).items()
+            if name not in later or value != later[name]
+        }
 
     def cameras(self, width: int, height: int) -> tuple[Camera, ...]:
-        """The rig's cameras for images of ``width`` x ``height`` pixels, by number."""
+        """The rig's cameras for images of ``width`` x ``height`` pixels, by number.
+
+        Raises:
+            DataError: how wide an image is depends on a subject, and the ring is not ``placed``.
+        """
+        if self.span_heights and not self.span_m:
+            raise DataError("a ring as wide as its subject is high has to be placed about one")
         focal = focal_length_px(self.lens_mm, self.sensor_mm, width, height)
+        if self.span_m:
+            focal = max(width, height) / self.span_m
+        target = np.array(self.target_m)
         K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
         pitch = math.radians(self.pitch_deg)
         cameras: list[Camera] = []
@@ -81,8 +126,9 @@ class RingRig:
                     math.cos(pitch) * math.cos(yaw),
                 ]
             )
-            extrinsic = look_at(self.radius_m * direction, np.zeros(3))
-            cameras.append(Camera(K=K, world_to_camera=extrinsic, width=width, height=height))
+            extrinsic = look_at(target + self.radius_m * direction, target)
+            kind = "orthographic" if self.span_m else "perspective"
+            cameras.append(Camera(K, extrinsic, width, height, kind))
         return tuple(cameras)
 
 

@@ -172,7 +172,7 @@ class RenderRecipe:
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values; without ``photo`` where photos are exact."""
-        values: dict[str, object] = asdict(self)
+        values: dict[str, object] = {**asdict(self), "rig": self.rig.to_dict()}
         if self.photo is None:
             del values["photo"]
         return values

@@ -19,6 +19,7 @@ from harness.core.camera_frames import (
     OPENCV_TO_BLENDER_CAMERA,
     quaternion_from_rotation,
     read_published_cameras,
+    require_perspective,
 )
 from harness.core.errors import DataError
 from harness.core.files.atomic import read_json, write_text
@@ -202,6 +203,7 @@ def write_published(path: Path, cameras: Sequence[Camera]) -> None:
     Raises:
         DataError: a camera that the form cannot hold.
     """
+    require_perspective(cameras, "the published form")
     entries: list[dict[str, object]] = []
     for number, camera in enumerate(cameras):
         K = camera.K

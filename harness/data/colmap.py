@@ -25,7 +25,11 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.camera import Camera
-from harness.core.camera_frames import quaternion_from_rotation, rotation_from_quaternion
+from harness.core.camera_frames import (
+    quaternion_from_rotation,
+    require_perspective,
+    rotation_from_quaternion,
+)
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.data.lens import ForeignCameras, ForeignView, Lens
@@ -321,7 +325,8 @@ def _binary_images(path: Path) -> Iterator[tuple[int, _Image]]:
 
 
 def write_colmap_binary(folder: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
-    """Write COLMAP's binary model, world unchanged: cameras, images, and no points."""
+    """As ``write_colmap``, COLMAP's binary model."""
+    require_perspective(cameras, "COLMAP's form")
     taken = bytearray(struct.pack("<Q", len(cameras)))
     placed = bytearray(struct.pack("<Q", len(cameras)))
     for number, (camera, image) in enumerate(zip(cameras, images, strict=True), start=1):

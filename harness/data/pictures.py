@@ -436,7 +436,7 @@ def _turned_camera(camera: Camera, quarters: int) -> Camera:
         K = [[fy, 0.0, cy], [0.0, fx, width - cx], [0.0, 0.0, 1.0]]
         turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         pose = camera.turned(turn).world_to_camera
-        camera = Camera(np.array(K), pose, height, width)
+        camera = Camera(np.array(K), pose, height, width, camera.kind)
     return camera
 
 

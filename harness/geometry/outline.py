@@ -22,7 +22,7 @@ class Outline:
     cuts does not end there.
 
     Attributes:
-        camera: Full perspective, of exactly these pixels.
+        camera: Of exactly these pixels.
         coverage: (H, W) share of each pixel that the subject covers, 0 to 1.
     """
 
@@ -63,7 +63,7 @@ class Outline:
         """
         pixels, depth = self.camera.project(points_world)
         distance = sampled(self.distance_px, pixels)
-        return (distance * depth / self.camera.K[0, 0]).astype(np.float32)
+        return (distance * self.camera.spread(depth) / self.camera.K[0, 0]).astype(np.float32)
 
     def holds(self, points_world: Floats) -> Mask:
         """(N,) whether world points are seen within the subject, to whole pixels.

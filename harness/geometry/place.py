@@ -23,6 +23,8 @@ MEAN_HEIGHT_M = 1.70
 #: a metre off the depth that a box's height suggests, and a metre off the mean height. The last
 #: decides only where no two cameras do.
 _SIZE_WEIGHT, _HEIGHT_WEIGHT = 0.1, 1e-3
+#: An orthographic view alone does not tell depth at all: so far from its camera's origin, metres.
+_UNTOLD_DEPTH_M = 3.0
 #: Cameras that are this far apart, in distances to the subject, tell where it stands.
 _LEAST_BASELINE = 0.2
 
@@ -53,7 +55,7 @@ def place_of(outlines: Sequence[Outline]) -> Place:
 
     One linear least-squares problem: the middle lies on the ray through the middle of each box,
     at the depth at which the box is as high as the subject, whose height is an unknown that the
-    views share.
+    views share. The box of an orthographic view is as high as the subject at any depth.
 
     Raises:
         MethodError: a silhouette is empty, or the subject would be behind a camera.
@@ -69,10 +71,17 @@ def place_of(outlines: Sequence[Outline]) -> Place:
         ray = ray / np.linalg.norm(ray)
         across = np.eye(3) - np.outer(ray, ray)
         rows += [np.append(row, 0.0) for row in across]
-        values += (across @ camera.position).tolist()
+        values += (across @ camera.ray_origins(middle)[0]).tolist()
+        origin_m = float(camera.forward @ camera.position)
+        if camera.is_orthographic:
+            rows.append(_SIZE_WEIGHT * np.array([0.0, 0.0, 0.0, 1.0]))
+            values.append(_SIZE_WEIGHT * box.height / camera.K[1, 1])
+            rows.append(_HEIGHT_WEIGHT * np.append(camera.forward, 0.0))
+            values.append(_HEIGHT_WEIGHT * (origin_m + _UNTOLD_DEPTH_M))
+            continue
         depth_per_height = camera.K[1, 1] / box.height
         rows.append(_SIZE_WEIGHT * np.append(camera.forward, -depth_per_height))
-        values.append(_SIZE_WEIGHT * float(camera.forward @ camera.position))
+        values.append(_SIZE_WEIGHT * origin_m)
     solution = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
     return _spanned(solution[:3], cameras, boxes)
 
@@ -89,9 +98,9 @@ def _spanned(centre: Floats, cameras: Sequence[Camera], boxes: Sequence[Window])
         )
     heights, widths = [], []
     for camera, box, depth in zip(cameras, boxes, depths, strict=True):
-        widths.append(box.width / 2 * depth / camera.K[0, 0])
-        heights.append(box.height / 2 * depth / camera.K[1, 1])
-    positions = np.array([camera.position for camera in cameras])
+        widths.append(box.width / 2 * float(camera.spread(depth)) / camera.K[0, 0])
+        heights.append(box.height / 2 * float(camera.spread(depth)) / camera.K[1, 1])
+    positions = np.array([camera.eye_of(centre[None])[0] for camera in cameras])
     baseline = np.linalg.norm(positions[:, None] - positions[None], axis=2).max()
     known = bool(baseline > _LEAST_BASELINE * min(depths))
     return Place(centre, max(heights), max(widths), known)

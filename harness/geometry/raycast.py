@@ -130,9 +130,10 @@ class Raycaster:
         if window.is_empty:
             return hits
         rows, columns = window.slices
-        directions = camera.ray_directions(camera.pixel_centres()[rows, columns].reshape(-1, 2))
+        pixels = camera.pixel_centres()[rows, columns].reshape(-1, 2)
+        directions = camera.ray_directions(pixels)
         end_m = float(camera.project(self.mesh.vertices)[1].max()) + _BEHIND_M
-        answer = self.answer(camera.position + end_m * directions, -directions)
+        answer = self.answer(camera.ray_origins(pixels) + end_m * directions, -directions)
         t = answer["t_hit"].numpy().reshape(window.height, window.width)
         # Directions have unit depth, so the ray's parameter counts depth from its far end.
         hits.fill((rows, columns), end_m - t, answer)
@@ -183,8 +184,8 @@ class Raycaster:
 
     def meets(self, pixels: ArrayLike, camera: Camera) -> NDArray[np.bool_]:
         """(N,) whether the rays through pixel coordinates (N, 2) meet the mesh."""
-        directions = camera.ray_directions(pixels)
-        return self._scene.test_occlusions(self._rays(directions, camera)).numpy()
+        rays = self._rays_from(camera.ray_origins(pixels), camera.ray_directions(pixels))
+        return self._scene.test_occlusions(rays).numpy()
 
     def visible(
         self, points_world: ArrayLike, camera: Camera, *, tolerance_m: float
@@ -201,8 +202,9 @@ class Raycaster:
         pixels, _ = camera.project(points)
         with np.errstate(invalid="ignore"):  # behind the camera: NaN, so not inside
             inside = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)
-        toward = points[inside] - camera.position
-        t = self._scene.cast_rays(self._rays(toward, camera))["t_hit"].numpy()
+        eyes = camera.eye_of(points[inside])
+        toward = points[inside] - eyes
+        t = self.answer(eyes, toward)["t_hit"].numpy()
         distance = np.linalg.norm(toward, axis=1)
         seen = np.zeros(len(points), dtype=bool)
         seen[inside] = (1.0 - t) * distance <= tolerance_m
@@ -229,12 +231,6 @@ class Raycaster:
         """Whether the mesh reaches beyond the camera's frame, or behind the camera."""
         return is_cut(self._used, camera)
 
-    def _rays(self, directions_world: Floats, camera: Camera) -> Any:
-        rays = np.empty((*directions_world.shape[:-1], 6), dtype=np.float32)
-        rays[..., :3] = camera.position - self._centre
-        rays[..., 3:] = directions_world
-        return self._tensor(rays)
-
     def _bands(self, camera: Camera) -> Iterator[tuple[slice, slice, Any]]:
         """Row and column slices with their (h, w, 6) rays, covering the mesh's window."""
         window = self.window(camera)
@@ -246,9 +242,12 @@ class Raycaster:
         for top in range(window.top, window.bottom, step):
             rows = slice(top, min(top + step, window.bottom))
             y = np.arange(rows.start, rows.stop) + 0.5
-            pixels = np.stack(np.meshgrid(x, y), axis=-1)
-            directions = camera.ray_directions(pixels.reshape(-1, 2)).reshape(*pixels.shape[:2], 3)
-            yield rows, columns, self._rays(directions, camera)
+            pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+            rays = np.empty((len(y), len(x), 6), dtype=np.float32)
+            flat = rays.reshape(-1, 6)
+            flat[:, :3] = camera.ray_origins(pixels) - self._centre
+            flat[:, 3:] = camera.ray_directions(pixels)
+            yield rows, columns, self._tensor(rays)
 
 
 def to_map_frame(normals_world: Floats, camera: Camera) -> Floats:

@@ -65,7 +65,7 @@ class Similarity:
         move = np.eye(4)
         move[:3, :3] = turned
         move[:3, 3] = -turned @ self.points(camera.position[None])[0]
-        return Camera(camera.K, move, camera.width, camera.height)
+        return camera.posed(move, self.scale)
 
     def then(self, other: Similarity) -> Similarity:
         """This one first, the other afterwards."""

@@ -62,14 +62,14 @@ def sight_of(photo: Photo, caster: Raycaster, points: Floats, normals: Floats) -
     window = caster.window(camera)
     if window.is_empty:
         return Sight(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-    toward = camera.position - points
+    toward = camera.eye_of(points) - points
     cosine = np.einsum("ij,ij->i", toward, normals) / np.linalg.norm(toward, axis=1)
     places = np.flatnonzero(cosine > _LEAST_COSINE)
     seen = caster.visible(points[places], camera, tolerance_m=_TOLERANCE_M)
     places = places[seen]
     view = photo.cropped(window)
     pixels, depth = view.camera.project(points[places])
-    footprint_m = depth / view.camera.K[0, 0]
+    footprint_m = camera.spread(depth) / view.camera.K[0, 0]
     rim_px = sampled(_rim_distance_px(view, caster.depth(view.camera)), pixels)
     clear = rim_px > _MIXED_PX
     places, pixels = places[clear], pixels[clear]
@@ -122,14 +122,14 @@ def _clear_of_front_px(front: Mask, depth: Floats, camera: Camera) -> Floats:
     far, (rows, columns) = distance_transform_edt(~front, return_indices=True)  # pyright: ignore
     nearest_m = depth[rows, columns]
     is_behind = depth - nearest_m > _JUMP_M
-    clear_px = far - _BEHIND_M * camera.K[0, 0] / nearest_m
+    clear_px = far - _BEHIND_M * camera.K[0, 0] / camera.spread(nearest_m)
     return np.where(is_behind, clear_px, np.inf)
 
 
 def _rims(depth: Floats, camera: Camera) -> tuple[Mask, Mask]:
     """(H, W) where a surface ends before another, and (H, W) where that other begins."""
     front, behind = np.zeros(depth.shape, dtype=bool), np.zeros(depth.shape, dtype=bool)
-    step_m = np.maximum(_JUMP_M, _JUMP_PIXELS * depth / camera.K[0, 0])
+    step_m = np.maximum(_JUMP_M, _JUMP_PIXELS * camera.spread(depth) / camera.K[0, 0])
     for here, there in (
         ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),
         ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),

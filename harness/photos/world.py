@@ -96,7 +96,7 @@ class FileToWorld:
         pose = np.eye(4)
         pose[:3, :3] = camera.rotation @ self.rotation.T
         pose[:3, 3] = self.scale * camera.world_to_camera[:3, 3] - pose[:3, :3] @ self.shift
-        return Camera(camera.K, pose, *camera.size)
+        return camera.posed(pose, self.scale)
 
     @property
     def matrix(self) -> Floats:

@@ -12,7 +12,10 @@ _WIDTH = 100
 
 def text_page(info: MethodInfo) -> str:
     """A method's views, parts, privileges, settings and deviations, for a terminal."""
-    lines = [f"{info.name}: {info.title}", "", f"Views: {_views(info)}", "", "Parts"]
+    lines = [f"{info.name}: {info.title}", "", f"Views: {_views(info)}"]
+    if info.needs_perspective:
+        lines += [f"No orthographic photos: {info.needs_perspective}"]
+    lines += ["", "Parts"]
     lines += [f"  {role}: {text}" for role, text in _parts(info)]
     lines += ["", "Privileges (what it is given beyond pixels)"]
     for privilege in info.privileges:

@@ -56,7 +56,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def triangulated(cameras: Sequence[Camera], pixels: Floats, confidence: Floats) -> Floats:
     """(3,) world point that pixels (N, 2) of N cameras agree on; a few wrong ones do little."""
-    projections = np.array([camera.K @ camera.world_to_camera[:3] for camera in cameras])
+    projections = np.array([camera.projection for camera in cameras])
     point, weight = np.zeros(3), np.ones(len(cameras))
     for _ in range(_ROUNDS):
         # Divided by the depth, the residuals of these equations are pixels.

@@ -45,8 +45,14 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
     numbers are found by where they stand, if there are photos enough.
 
     Raises:
-        MethodError: the method takes more photos than there are.
+        MethodError: the method takes more photos than there are, or none of parallel rays.
     """
+    if method.needs_perspective and any(camera.is_orthographic for camera in capture.cameras):
+        raise MethodError(
+            f"method '{method.name}' takes no orthographic photos: {method.needs_perspective}",
+            got=f"those of '{capture.subject}' by recipe {capture.recipe}",
+            hint="Name a --recipe with perspective cameras",
+        )
     wanted, count = method.views, len(capture.cameras)
     if wanted is None or (capture.recipe != IMPORTED and not _is_thinned(wanted, count)):
         return ChosenViews(capture.from_front(), {})

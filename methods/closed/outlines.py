@@ -50,7 +50,7 @@ class SignedOutline:
     def distances_m(self, points_world: Floats) -> Floats:
         """(N,) signed distances of world points (N, 3) to the outline's cone, at their depth."""
         distance_px, depth = self._sampled(points_world)
-        return distance_px * np.abs(depth) / self.camera.K[0, 0]
+        return distance_px * np.abs(self.camera.spread(depth)) / self.camera.K[0, 0]
 
     def slopes(self, points_world: Floats, directions: Floats) -> Floats:
         """(N,) change of ``distances_m`` per metre from points (N, 3) along unit directions."""

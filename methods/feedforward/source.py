@@ -210,6 +210,11 @@ class NetworkSource:
         return self.dialect.title
 
     @property
+    def needs_perspective(self) -> str:
+        """Networks of this family know no other cameras."""
+        return "its network was trained on pinhole cameras and finds such"
+
+    @property
     def rooms(self) -> dict[str, DataclassInstance]:
         """Its settings."""
         return {"network": self.settings}

@@ -158,6 +158,7 @@ class CommandMethod:
             privileges=file.privileges,
             parameters={room: dict(own) for room, own in file.settings.items()},
             view_count=file.view_count,
+            needs_perspective=file.needs_perspective,
         )  # fmt: skip
 
     @property

@@ -158,6 +158,7 @@ class MethodFile:
         views: As in ``MethodInfo``.
         view_count: As in ``MethodInfo``.
         privileges: What it is given beyond pixels.
+        needs_perspective: As in ``MethodInfo``.
         deterministic: Whether the seed changes nothing.
         mesh: Name of the mesh file that it writes.
         up: The vertical axis of poses and mesh: ``+y`` (the subject faces +Z) or ``+z`` (it faces
@@ -177,6 +178,7 @@ class MethodFile:
     views: tuple[int, ...] | None = None
     view_count: int | None = None
     privileges: tuple[Privilege, ...] = ()
+    needs_perspective: str = ""
     deterministic: bool = False
     mesh: str = "mesh.ply"
     up: str = "+y"

@@ -100,7 +100,7 @@ class _Contour:
 
 def _rows_of(surface: Surface, view: FusionView, normals: Floats, rules: RimRules) -> PairRows:
     vertices, outline = surface.mesh.vertices, view.outline
-    facing = np.einsum("ij,ij->i", normals, unit(view.camera.position - vertices))
+    facing = np.einsum("ij,ij->i", normals, unit(view.camera.eye_of(vertices) - vertices))
     first, second = surface.neighbours.edges.T
     turns = facing[first] * facing[second] < 0
     first, second = first[turns], second[turns]
@@ -132,7 +132,7 @@ def _on_outline(
     keep = -np.einsum("ij,ij->i", inward, unit(contour.blended(normals))) > _LEAST_AGREEMENT
     agreeing = np.flatnonzero(keep)
     beside = points[agreeing] - beside_m * inward[agreeing]
-    eye = np.broadcast_to(view.camera.position, beside.shape)
+    eye = view.camera.eye_of(beside)
     keep[agreeing] = ~surface.caster.blocked(eye, beside - eye)
     return keep
 

@@ -73,7 +73,7 @@ def coarser(outline: SignedOutline, centre: Floats, pixel_m: float) -> SignedOut
     """An outline on pixels that are ``pixel_m`` large at a place (3,), never enlarged."""
     camera = outline.camera
     depth_m = float(camera.forward @ (centre - camera.position))
-    scale = min(1.0, depth_m / float(camera.K[0, 0]) / pixel_m)
+    scale = min(1.0, float(camera.spread(depth_m)) / float(camera.K[0, 0]) / pixel_m)
     width, height = (max(1, round(scale * side)) for side in camera.size)
     rows = ((np.arange(height) + 0.5) / height * camera.height).astype(np.int64)
     columns = ((np.arange(width) + 0.5) / width * camera.width).astype(np.int64)

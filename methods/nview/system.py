@@ -246,7 +246,7 @@ def _seen_by(
     facing_power: float,
     another: float,
 ) -> Sightings:
-    rays = unit(view.camera.position - surface.centroids)
+    rays = unit(view.camera.eye_of(surface.centroids) - surface.centroids)
     facing = np.einsum("ij,ij->i", surface.face_normals, rays)
     faces = np.flatnonzero(facing > _LEAST_FACING)
     origins = surface.centroids[faces] + _LIFT_M * surface.face_normals[faces]

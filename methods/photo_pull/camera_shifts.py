@@ -148,7 +148,7 @@ def across_direction(first: Camera, second: Camera, point: Floats) -> Floats:
 
     Down rather than up.
     """
-    ray = point - first.position
+    ray = point - first.eye_of(point[None])[0]
     along = _jacobians(second, point[None])[0] @ ray
     across = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-12)
     return across if across[1] >= 0 else -across
@@ -232,8 +232,9 @@ def _jacobians(camera: Camera, points: Floats) -> Floats:
     """(N, 2, 3) change of the projections of world points (N, 3), pixels per metre."""
     x, y, depth = (points @ camera.rotation.T + camera.world_to_camera[:3, 3]).T
     in_camera = np.zeros((len(points), 2, 3))
-    in_camera[:, 0, 0], in_camera[:, 0, 2] = 1.0 / depth, -x / depth**2
-    in_camera[:, 1, 1], in_camera[:, 1, 2] = 1.0 / depth, -y / depth**2
+    in_camera[:, 0, 0] = in_camera[:, 1, 1] = 1.0 / camera.spread(depth)
+    if not camera.is_orthographic:
+        in_camera[:, 0, 2], in_camera[:, 1, 2] = -x / depth**2, -y / depth**2
     focal = np.array([camera.K[0, 0], camera.K[1, 1]])
     return focal[:, None] * in_camera @ camera.rotation
 

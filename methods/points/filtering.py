@@ -21,7 +21,8 @@ _ON_ONE_LINE = 1e-3
 def grid_normals(depth: Floats, mask: Mask, camera: Camera, radius_px: int) -> Floats:
     """(H, W, 3) unit world normals towards the camera; 0 where they cannot be told.
 
-    The inverse depth of a plane is linear over a picture. In the window around each pixel that
+    The inverse depth of a plane is linear over a picture, its depth over an orthographic one. In
+    the window around each pixel that
     linear function is fitted to the pixels of the mask, and the plane's normal follows: exact for
     planes at any angle, and of the least squares where depth is noisy.
 
@@ -40,6 +41,8 @@ def grid_normals(depth: Floats, mask: Mask, camera: Camera, radius_px: int) -> F
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     inside = mask[window].astype(np.float64)
     inverse = np.where(mask[window], 1.0 / np.where(mask[window], depth[window], 1.0), 0.0)
+    if camera.is_orthographic:
+        inverse = np.where(mask[window], depth[window], 0.0)
     # From the window's own corner: squares of small numbers lose fewer digits.
     v, u = np.indices(inside.shape, dtype=np.float64)
 
@@ -59,6 +62,10 @@ def grid_normals(depth: Floats, mask: Mask, camera: Camera, radius_px: int) -> F
     at_corner = mw - across * (mu + columns[0] + 0.5) - down * (mv + rows[0] + 0.5)
     # 1 / z = n . K^-1 (x, y, 1) / d, so the fitted plane is K^-T n / d.
     in_camera = -np.stack([across, down, at_corner], axis=-1) @ camera.K
+    if camera.is_orthographic:
+        in_camera = np.concatenate(
+            [-in_camera[..., :2], np.full((*across.shape, 1), -1.0)], axis=-1
+        )
     length = np.linalg.norm(in_camera, axis=-1, keepdims=True)
     good &= length[..., 0] > 0
     in_camera = np.where(good[..., None], in_camera / np.maximum(length, 1e-300), 0.0)
@@ -360,12 +367,12 @@ def _votes(points: Floats, other: WorldDepth, tolerance_m: float) -> Ints:
 
 def _spacing_m(view: WorldDepth, points: Floats, normals: Floats) -> Floats:
     """(N,) how far the next pixel's point is on a surface like a point's own, metres."""
-    sight = points - view.camera.position
+    sight = points - view.camera.eye_of(points)
     depth = sight @ view.camera.forward
     cosine = -np.einsum("ij,ij->i", sight, normals) / np.maximum(
         np.linalg.norm(sight, axis=1), 1e-9
     )
-    return depth / view.camera.K[0, 0] / np.maximum(cosine, _LEAST_FACING)
+    return view.camera.spread(depth) / view.camera.K[0, 0] / np.maximum(cosine, _LEAST_FACING)
 
 
 def _near_others(points: Floats, spacing_m: Floats, settings: KeepSettings) -> Mask:

@@ -100,6 +100,7 @@ class PointsMethod:
             parts=source.parts,
             privileges=tuple(dict.fromkeys(given)),
             parameters=parameters,
+            needs_perspective=source.needs_perspective,
             deviations=self._published.deviations(parameters) if self._published else (),
         )
 

@@ -100,6 +100,11 @@ class PointSource(Protocol):
         ...
 
     @property
+    def needs_perspective(self) -> str:
+        """As in ``MethodInfo``."""
+        ...
+
+    @property
     def rooms(self) -> dict[str, DataclassInstance]:
         """The source's own settings, by room."""
         ...
@@ -180,6 +185,11 @@ class RenderedDepth:
         """For tables."""
         noise = self.settings.noise
         return f"Depth of the scan{f' with {noise:.1%} noise' if noise else ''}"
+
+    @property
+    def needs_perspective(self) -> str:
+        """Nothing: rays of either kind meet the scan."""
+        return ""
 
     @property
     def rooms(self) -> dict[str, DataclassInstance]:

@@ -110,11 +110,13 @@ wp.set_module_options({"enable_backward": False})
 class Reference:
     """The view whose depth is searched, and the planes that a step may propose.
 
-    ``back`` is K^-1; ``weights`` those of the window's pixels; depths lie between near and far.
+    ``back`` is K^-1, its last row 0 where ``parallel`` rays are all (0, 0, 1) and start at
+    ``back`` p; ``weights`` those of the window's pixels; depths lie between near and far.
     """
 
     image: wp.array2d[wp.float32]
     back: wp.mat33
+    parallel: wp.bool
     floor: wp.float32
     near: wp.array2d[wp.float32]
     far: wp.array2d[wp.float32]
@@ -128,7 +130,8 @@ class Reference:
 class Sources:
     """The views it is matched with, padded to one size.
 
-    A pixel p of the reference on the plane n.X = d is seen at A p + b (n.K^-1 p) / d.
+    A pixel p of the reference on the plane n.X = d is seen at A p + b (n.K^-1 p) / d, or with
+    parallel rays at A p + b z, its depth z being (d - n.K^-1 p) / n.z.
     """
 
     images: wp.array3d[wp.float32]
@@ -206,9 +209,17 @@ def cost_of(
     pixel = wp.vec3(float(px) + 0.5, float(py) + 0.5, 1.0)
     ray = reference.back * pixel
     toward = wp.dot(n, ray)
-    if toward > -0.15 * wp.length(ray):
+    length = wp.length(ray)
+    if reference.parallel:
+        toward = n[2]
+        length = float(1.0)
+    if toward > -0.15 * length:
         return float(2.0)
-    row = (wp.transpose(reference.back) * n) / (z * toward)
+    row = wp.transpose(reference.back) * n
+    if reference.parallel:
+        row = (wp.vec3(0.0, 0.0, wp.dot(n, ray) + z * toward) - row) / toward
+    else:
+        row = row / (z * toward)
     best = float(2.0)
     other = float(2.0)
     count = int(0)
@@ -258,6 +269,8 @@ def carried_depth(
     m = planes.normal[y, x]
     there = reference.back * wp.vec3(float(x) + 0.5, float(y) + 0.5, 1.0)
     here = reference.back * wp.vec3(float(pixel[0]) + 0.5, float(pixel[1]) + 0.5, 1.0)
+    if reference.parallel:
+        return planes.depth[y, x] + wp.dot(m, there - here) / wp.min(m[2], -1.0e-4)
     slope = wp.dot(m, here)
     if wp.abs(slope) < 1.0e-4:
         return float(-1.0)

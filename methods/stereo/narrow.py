@@ -149,7 +149,7 @@ def seen_by_pairs(
     points, directions = places
     seen = np.zeros((len(points), len(cameras)))
     for view, camera in enumerate(cameras):
-        toward = camera.position - points
+        toward = camera.eye_of(points) - points
         toward /= np.linalg.norm(toward, axis=1, keepdims=True)
         cosine = np.einsum("ij,ij->i", toward, directions)
         rows = np.flatnonzero(cosine > facing)
@@ -179,7 +179,7 @@ def correlation_curves(
     for image, photo in zip(images, two, strict=True):
         image[: photo.values.shape[0], : photo.values.shape[1]] = photo.values
     pair, patches = Pair(), Patches()
-    projections = [(photo.camera.K @ photo.camera.world_to_camera[:3]).ravel() for photo in two]
+    projections = [photo.camera.projection.ravel() for photo in two]
     pair.images = device_array(images, wp.float32)
     pair.projections = device_array(np.stack(projections), wp.float32)
     pair.floors = device_array([max(p.noise, _LEAST_CONTRAST) ** 2 for p in two], wp.float32)

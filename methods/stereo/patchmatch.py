@@ -191,7 +191,7 @@ def _seen(photo: Contrast, cameras: Sequence[Camera], start: StartSurface) -> _S
 
 def _facing(points: Floats, normals: Floats, camera: Camera) -> tuple[Floats, Floats]:
     """(N,) cosines between normals and the directions (N, 3) to a camera, and these."""
-    toward = camera.position - points
+    toward = camera.eye_of(points) - points
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     return np.einsum("ij,ij->i", toward, normals), toward
 
@@ -199,7 +199,8 @@ def _facing(points: Floats, normals: Floats, camera: Camera) -> tuple[Floats, Fl
 def _reference(photo: Contrast, depth: Singles, normal: Singles, settings: MatchSettings) -> Any:
     reference = Reference()
     reference.image = device_array(photo.values, wp.float32)
-    reference.back = wp.mat33(np.linalg.inv(photo.camera.K).astype(np.float32))
+    reference.back = wp.mat33(_back(photo.camera).astype(np.float32))
+    reference.parallel = photo.camera.is_orthographic
     reference.floor = _floor(photo)
     reference.near = device_array(depth - settings.before_m, wp.float32)
     reference.far = device_array(depth + settings.behind_m, wp.float32)
@@ -225,13 +226,18 @@ def _sources(photo: Contrast, others: Sequence[Contrast], visible: Ints32) -> An
     width = max(other.values.shape[1] for other in others)
     images = np.full((len(others), height, width), OUTSIDE, np.float32)
     rotation, shift = np.zeros((len(others), 3, 3)), np.zeros((len(others), 3))
-    back = np.linalg.inv(photo.camera.K)
+    back = _back(photo.camera)
     for index, other in enumerate(others):
         rows, columns = other.values.shape
         images[index, :rows, :columns] = other.values
         move = other.camera.world_to_camera @ photo.camera.camera_to_world
+        if other.camera.is_orthographic:
+            move[2] = 0.0, 0.0, 0.0, 1.0
         rotation[index] = other.camera.K @ move[:3, :3] @ back
         shift[index] = other.camera.K @ move[:3, 3]
+        if photo.camera.is_orthographic:
+            rotation[index, :, 2] += shift[index]
+            shift[index] = other.camera.K @ move[:3, 2]
     sources = Sources()
     sources.images = device_array(images, wp.float32)
     sources.rotation = device_array(rotation, wp.mat33)
@@ -239,6 +245,12 @@ def _sources(photo: Contrast, others: Sequence[Contrast], visible: Ints32) -> An
     sources.floor = device_array([_floor(other) for other in others], wp.float32)
     sources.visible = device_array(visible, wp.int32)
     return sources
+
+
+def _back(camera: Camera) -> Floats:
+    """(3, 3) from pixels to their rays in camera axes, or to where these start if parallel."""
+    back = np.linalg.inv(camera.K)
+    return np.diag([1.0, 1.0, 0.0]) @ back if camera.is_orthographic else back
 
 
 def _floor(photo: Contrast) -> float:

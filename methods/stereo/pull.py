@@ -109,6 +109,10 @@ def _agrees(points: Floats, normals: Floats, other: DepthMap, rules: KeepRules) 
     at_centre = np.einsum("ij,ij->i", plane, np.column_stack([centre, np.ones(len(rows))]) @ back)
     at_place = np.einsum("ij,ij->i", plane, np.column_stack([pixels, np.ones(len(rows))]) @ back)
     theirs = other.depth[rows, columns] * at_centre / np.minimum(at_place, -1e-3)
+    if other.camera.is_orthographic:
+        theirs = other.depth[rows, columns] + (at_centre - at_place) / np.minimum(
+            plane[:, 2], -1e-3
+        )
     same_way = np.einsum("ij,ij->i", plane @ other.camera.rotation, normals)
     return (
         other.searched[rows, columns]

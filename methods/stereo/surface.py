@@ -32,7 +32,7 @@ def neighbours(cameras: Sequence[Camera], centre: Floats) -> list[tuple[int, ...
     Returns:
         No, one or two indices for each view; none where all others are too near or too far round.
     """
-    eyes = np.stack([camera.position for camera in cameras]) - centre
+    eyes = np.concatenate([camera.eye_of(centre[None]) for camera in cameras]) - centre
     eyes /= np.linalg.norm(eyes, axis=1, keepdims=True)
     return [_beside(eyes, view) for view in range(len(cameras))]
 
@@ -125,5 +125,5 @@ def pixel_span_m(cameras: Sequence[Camera], centre: Floats) -> float:
     spans = []
     for camera in cameras:
         _, depth = camera.project(centre[None])
-        spans.append(float(depth[0]) / camera.K[0, 0])
+        spans.append(float(camera.spread(depth[0])) / camera.K[0, 0])
     return float(np.median(spans))

@@ -104,7 +104,7 @@ def reduction(camera: Camera, centre: Floats, pixel_m: float) -> int:
         pixel_m: At the depth of the centre.
     """
     _, depth = camera.project(centre[None])
-    return max(1, round(pixel_m * camera.K[0, 0] / max(float(depth[0]), 1e-6)))
+    return max(1, round(pixel_m * camera.K[0, 0] / max(float(camera.spread(depth[0])), 1e-6)))
 
 
 def contrast(view: StereoView, down: int, flatten_px: float) -> Contrast:

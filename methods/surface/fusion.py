@@ -284,7 +284,7 @@ def depth_sheet(
     valid = np.isfinite(depth)
     faces = _grid_faces(valid, away)
     vertices = camera.unproject(camera.pixel_centres()[valid], depth[valid])
-    keep = _facing(vertices, faces, camera.position) > parameters.least_facing
+    keep = _facing(vertices, faces, camera) > parameters.least_facing
     keep[keep] = in_large_piece(faces[keep], parameters.least_component)
     if not keep.any():
         raise DataError(
@@ -323,10 +323,11 @@ def _grid_faces(valid: Mask, away: bool) -> Ints32:
     return faces[:, ::-1] if away else faces
 
 
-def _facing(vertices: Floats, faces: Ints32, eye: Floats) -> Floats:
+def _facing(vertices: Floats, faces: Ints32, camera: Camera) -> Floats:
     """(F,) absolute cosine between each face's normal and the line of sight to its centre."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
-    sight = (a + b + c) / 3.0 - eye
+    middle = (a + b + c) / 3.0
+    sight = middle - camera.eye_of(middle)
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(sight, axis=1)
     return np.abs(np.einsum("ij,ij->i", normal, sight)) / np.maximum(length, np.finfo(float).tiny)

@@ -44,6 +44,8 @@ class BlenderCamera:
         sensor_mm: Width of that sensor.
         shift_x: Offset of the principal point from the middle, as a share of the picture's width.
         shift_y: The same downward, also as a share of the width.
+        width_m: What an orthographic picture's width spans, metres; 0 for a perspective one, whose
+            lens counts.
     """
 
     matrix_world: Matrix
@@ -51,6 +53,7 @@ class BlenderCamera:
     sensor_mm: float
     shift_x: float
     shift_y: float
+    width_m: float = 0.0
 
     @classmethod
     def from_camera(cls, camera: Camera) -> BlenderCamera:
@@ -74,6 +77,7 @@ class BlenderCamera:
             # Our pixel (0.5, 0.5) is the first pixel's centre, so the middle is half the size.
             shift_x=float((width / 2 - K[0, 2]) / width),
             shift_y=float((K[1, 2] - height / 2) / width),
+            width_m=float(width / K[0, 0]) if camera.is_orthographic else 0.0,
         )
 
 

@@ -177,6 +177,9 @@ def _add_light(scene: Any) -> Any:
 
 def _point(scene: Any, camera: Any, view: BlenderView) -> None:
     camera.matrix_world = np.array(view.camera.matrix_world).T
+    camera.data.type = "ORTHO" if view.camera.width_m else "PERSP"
+    if view.camera.width_m:
+        camera.data.ortho_scale = view.camera.width_m
     camera.data.lens = view.camera.lens_mm
     camera.data.sensor_width = view.camera.sensor_mm
     camera.data.shift_x, camera.data.shift_y = view.camera.shift_x, view.camera.shift_y

@@ -133,6 +133,7 @@ def _camera(camera: Camera) -> Mapping[str, object]:
         "worldToCamera": [float(value) for value in camera.world_to_camera.ravel()],
         "width": camera.width,
         "height": camera.height,
+        "orthographic": camera.is_orthographic,
     }
 
 

@@ -72,6 +72,16 @@ def test_the_pictures_are_proved(rendered, figure):
     assert outcome.device
 
 
+def test_orthographic_pictures_are_proved(rendered, figure):
+    _, render, _ = rendered
+    recipe = replace(RECIPE, rig=replace(RECIPE.rig, span_m=2.0, target_m=(0.05, 0.1, 0.0)))
+    directory, *_ = render(recipe)
+    assert all(camera.is_orthographic for camera in recipe.cameras())
+    proofs = prove(figure, recipe.cameras(), directory)
+    require_proof(proofs, RECIPE.minimum_mask_iou, "figure")
+    assert max(proof.reprojection_mean_px for proof in proofs) < 0.2
+
+
 def test_alpha_is_coverage(rendered, figure):
     _, _, (directory, *_) = rendered
     caster = Raycaster(figure)

@@ -34,7 +34,7 @@ class Projector:
     def __call__(self, points: Tensor) -> Tensor:
         """(..., 2) pixels of world points (..., 3), metres."""
         seen = self.to_camera(points)
-        depth = seen[..., 2:].clamp_min(_NEAREST_M)
+        depth = 1.0 if self.camera.is_orthographic else seen[..., 2:].clamp_min(_NEAREST_M)
         return seen[..., :2] / depth * self._focal.to(points) + self._centre.to(points)
 
     def to_camera(self, points: Tensor) -> Tensor:
@@ -81,7 +81,7 @@ class Evidence:
         self.confidence = tensor(detections.confidence[:, table.landmarks] * table.trust)
         self.side_px = tensor([view.side_px for view in views])
         self.metres_per_px = tensor(
-            [view.place.distance_m(view.camera) / view.camera.K[1, 1] for view in views]
+            [v.camera.spread(v.place.distance_m(v.camera)) / v.camera.K[1, 1] for v in views]
         )
 
     def __len__(self) -> int:

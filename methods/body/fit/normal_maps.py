@@ -82,7 +82,7 @@ def seen_normals(
     corners = skin.faces[torch.from_numpy(np.asarray(faces, dtype=np.int64)).to(device)]
     a, b, c = skin.vertices[corners].unbind(1)
     ray = torch.from_numpy(camera.ray_directions(pixels)).to(a)
-    eye = torch.from_numpy(camera.position.copy()).to(a)
+    eye = torch.from_numpy(camera.ray_origins(pixels).copy()).to(a)
     # Möller and Trumbore: barycentric weights of a ray's hit as ratios of triple products.
     edge_b, edge_c, to_eye = b - a, c - a, eye - a
     across = torch.linalg.cross(ray, edge_c)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Ints
+from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.geometry.images import sampled
 from harness.geometry.outline import inner_depth_px
@@ -59,13 +60,16 @@ class BodySurface:
         self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._heights = np.einsum("fk,fk->f", self._normals, corners[:, 0])
 
-    def contour(self, position: Floats) -> tuple[Ints, Ints]:
-        """Edges where the surface turns away from a camera at ``position`` (3,), world metres.
+    def contour(self, camera: Camera) -> tuple[Ints, Ints]:
+        """Edges where the surface turns away from a camera.
 
         Returns:
             (C,) indices of edges and (C,) for each the face that is seen.
         """
-        toward = self._normals @ position > self._heights
+        if camera.is_orthographic:
+            toward = self._normals @ camera.forward < 0
+        else:
+            toward = self._normals @ camera.position > self._heights
         first, second = self.topology.sides.T
         first_seen = toward[first]
         second_seen = np.where(second >= 0, toward[second], ~first_seen)
@@ -150,7 +154,7 @@ def silhouette_cost(
 
     camera = target.projector.camera
     value = target.value(surface.caster.mask(camera) if mask is None else mask)
-    edges, faces = surface.contour(camera.position)
+    edges, faces = surface.contour(camera)
     ends = surface.topology.edges[edges]
     start, stop, third = _projected(surface, ends, faces, target.projector)
     along = stop - start

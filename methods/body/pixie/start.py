@@ -275,20 +275,21 @@ def _start(body: SmplxBody, view: View, seen: PixieView, capture: Capture) -> _S
     from scipy.spatial.transform import Rotation
 
     camera = crop_window(capture, view.index).camera(capture.cameras[view.index])
+    eye = camera.ray_origins([[camera.width / 2, camera.height / 2]])[0]
     parallel = seen_by(camera, float(seen.camera[0]))
     shape = np.zeros(body.shape_prior.shape[1])
     if body.has_pixie_shape:
         shape = seen.shape[: len(shape)]
     root = body.rest_root(shape)
     aside, distance_m = root[:2] + seen.camera[1:], parallel.distance_m
-    if view.place.depth_is_known:
+    if view.place.depth_is_known or camera.is_orthographic:
         # The same direction, at the distance that the other views tell.
-        held_m = float(parallel.turn[:, 2] @ (view.place.centre - camera.position))
-        aside, distance_m = aside * held_m / distance_m, held_m
+        held_m = float(parallel.turn[:, 2] @ (view.place.centre - eye))
+        aside, distance_m = aside * float(camera.spread(held_m)) / distance_m, held_m
     place = parallel.turn @ np.array([*aside, distance_m + root[2]])
     return _Start(
         orientation=(parallel.turn @ seen.orientation)[:, :2],
-        translation=camera.position + place,
+        translation=eye + place,
         pose=Rotation.from_matrix(seen.body_pose).as_rotvec(),
         shape=shape,
     )

@@ -48,6 +48,14 @@ HarnessPage.views = (() => {
     const { width, height } = view;
     const [sx, sy] = aspect === undefined ? [1, 1] : extentIn(view, aspect, reach);
     const down = aspect === undefined ? 0 : DOWN;
+    if (view.orthographic) {
+      return new THREE.Matrix4().set(
+        sx * 2 * fx / width, 0, 0, sx * (2 * cx / width - 1),
+        0, sy * 2 * fy / height, 0, sy * (1 - 2 * cy / height) - down,
+        0, 0, 2 / (NEAR - FAR), (NEAR + FAR) / (NEAR - FAR),
+        0, 0, 0, 1,
+      );
+    }
     return new THREE.Matrix4().set(
       sx * 2 * fx / width, 0, sx * (1 - 2 * cx / width), 0,
       0, sy * 2 * fy / height, sy * (2 * cy / height - 1) + down, 0,
@@ -69,7 +77,8 @@ HarnessPage.views = (() => {
 
   function lensOf(view) {
     if (!view) return { half: 0.36, width: 9, height: 16 };
-    return { half: view.height / 2 / view.intrinsics[1], width: view.width, height: view.height };
+    const distance = view.orthographic ? positionOf(view).length() : 1;
+    return { half: view.height / 2 / view.intrinsics[1] / distance, width: view.width, height: view.height };
   }
 
   function positionOf(view) {

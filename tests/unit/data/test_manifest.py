@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -37,6 +38,11 @@ def test_the_shipped_manifest_is_the_paper():
         manifest.splits["thuman21-units-published"].subjects
         == manifest.splits["thuman21-published"].subjects
     )
+    ortho = manifest.recipe("quick8-ortho")
+    assert ortho.cameras()[0].K[0, 0] == pytest.approx(quick.cameras()[0].K[0, 0] / 3.0)
+    # ICON: 1.8 / height in units of 1.024 m, so that a person is 1.758 of 2 high.
+    icon = manifest.recipe("icon512").rig.placed(np.array([[0, -0.85, 0], [0, 0.85, 0]]), None)
+    assert 2 * 1.7 / icon.span_m == pytest.approx(1.8 / 1.024)
     published = manifest.protocol("mexecon")
     assert published.samples == 30_000
     assert published.chamfer == "sample-to-sample"

@@ -46,6 +46,38 @@ def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
         assert np.allclose(camera.world_to_camera, other.world_to_camera)
 
 
+def test_an_orthographic_capture_is_about_its_subject(figure, recipe, scan, tmp_path):
+    low, high = figure.bounds
+    ring = replace(recipe.rig, span_heights=1.25, about="axis")
+    recipe = replace(recipe, rig=ring)
+    with pytest.raises(DataError, match="placed about"):
+        recipe.cameras()
+    made = capture(scan, figure, recipe, tmp_path / "no-body")
+    assert any("no true body" in warning for warning in made.warnings)
+    joints = np.array([[0.1, 0.2, -0.05], [0.0, 0.5, 0.0]])
+    names = np.array(["root", "neck"])
+    np.savez(tmp_path / "body.npz", vertices=figure.vertices, joints=joints, joint_names=names)
+    scan = replace(scan, body_path=tmp_path / "body.npz", truth_sha256={"body.npz": "1" * 64})
+    made = Capture.load(capture(scan, figure, recipe, tmp_path / "body").directory)
+    assert made.warnings == ("unusually small",)
+    assert made.provenance["inputs"]["scan"] == scan.truth_identity()
+    middle = np.array([0.1, (low[1] + high[1]) / 2, -0.05])
+    for camera in made.cameras:
+        assert camera.is_orthographic
+        assert camera.height / camera.K[1, 1] == pytest.approx(1.25 * (high[1] - low[1]))
+        assert camera.project(middle[None])[0] == pytest.approx(np.array([[54.0, 96.0]]))
+    pelvis = replace(ring, about="root").placed(figure.bounds, joints[0])
+    assert pelvis.target_m == (0.1, 0.2, -0.05)
+
+
+def test_what_was_added_to_recipes_leaves_the_old_ones_as_they_were(recipe):
+    rig = recipe.to_dict()["rig"]
+    assert sorted(rig) == [
+        "first_yaw_deg", "lens_mm", "pitch_deg", "radius_m", "sensor_mm", "views",
+    ]  # fmt: skip
+    assert replace(recipe, rig=replace(recipe.rig, span_m=2.0)).to_dict()["rig"]["span_m"] == 2.0
+
+
 def test_the_key_changes_with_all_that_makes_the_pictures(recipe, scan):
     now = CaptureInputs.of(scan, recipe, "CPU")
     other = [

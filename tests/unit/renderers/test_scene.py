@@ -19,15 +19,16 @@ def blender_projection(camera, width, height, points):
     matrix = np.array(camera.matrix_world)
     x, y, z = ((points - matrix[:3, 3]) @ matrix[:3, :3]).T
     # Normalised by the picture's width; Blender's cameras look along -Z.
-    u = camera.lens_mm / camera.sensor_mm * x / -z - camera.shift_x
-    v = camera.lens_mm / camera.sensor_mm * y / -z - camera.shift_y
+    share = 1 / camera.width_m if camera.width_m else camera.lens_mm / camera.sensor_mm / -z
+    u, v = share * x - camera.shift_x, share * y - camera.shift_y
     return np.stack([width / 2 + u * width, height / 2 - v * width], axis=1)
 
 
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
 @pytest.mark.parametrize("principal", [(54.0, 96.0), (40.25, 120.5)])
-def test_the_blender_camera_has_the_same_rays(principal):
+def test_the_blender_camera_has_the_same_rays(principal, kind):
     K = np.array([[266.7, 0, principal[0]], [0, 266.7, principal[1]], [0, 0, 1.0]])
-    camera = Camera(K, look_at((1.0, 0.7, 2.5), (0.1, 0.0, 0.0)), 108, 192)
+    camera = Camera(K, look_at((1.0, 0.7, 2.5), (0.1, 0.0, 0.0)), 108, 192, kind)
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (50, 3))
     in_blender = points @ BLENDER_TO_WORLD[:3, :3]
     pixels = blender_projection(BlenderCamera.from_camera(camera), 108, 192, in_blender)

@@ -44,9 +44,10 @@ def _pitched_camera(pitch_deg: float = 30.0, yaw_deg: float = 20.0, size: int = 
     return Camera(K, look_at(3.0 * np.array(direction), np.zeros(3)), size, size)
 
 
-@pytest.fixture(name="camera")
-def _camera() -> Camera:
-    return _pitched_camera()
+@pytest.fixture(name="camera", scope="session", params=["perspective", "orthographic"])
+def _camera(request) -> Camera:
+    camera = _pitched_camera()
+    return camera if request.param == "perspective" else camera.weak_perspective(3.0)
 
 
 @pytest.fixture(name="pitched_camera", scope="session")

@@ -26,10 +26,10 @@ def smooth_coverage(camera, centre, width):
 
 
 @pytest.fixture(scope="module")
-def finely_covered(ball, pitched_camera):
+def finely_covered(ball, camera):
     """``finely_covered(motion, amount)``: coverage by the moved body, of finely divided pixels."""
     vertices, faces = ball
-    topology, camera = Topology(faces), pitched_camera()
+    topology = Topology(faces)
 
     @functools.cache
     def covered(motion, amount):

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from harness.core.rigs import RingRig
-from methods.photo_pull.camera_shifts import Across, Contradictions, across_direction, solved_shifts
+from methods.photo_pull.camera_shifts import (
+    Across,
+    Contradictions,
+    _jacobians,  # pyright: ignore[reportPrivateUsage]
+    across_direction,
+    solved_shifts,
+)
 from tests.unit.methods.photo_pull.conftest import without_common_move
 
 CAMERAS = RingRig(views=8).cameras(1080, 1920)
@@ -55,6 +61,16 @@ def matched_offset(
     parallax, apart = moving[0] - moving[1], shown[0] - shown[1]
     offset = -float(parallax @ apart) / float(parallax @ parallax)
     return offset, float(np.linalg.norm(seen[1] @ (apart + offset * parallax)))
+
+
+@pytest.mark.parametrize("camera", [CAMERAS[1], CAMERAS[1].weak_perspective(3.0)])
+def test_jacobians_are_finite_differences(camera: Camera) -> None:
+    points, step = RADIUS * on_a_sphere(20), 1e-5
+    found = _jacobians(camera, points)
+
+    for axis, direction in enumerate(step * np.eye(3)):
+        ahead, behind = (camera.project(points + sign * direction)[0] for sign in (1, -1))
+        np.testing.assert_allclose(found[..., axis], (ahead - behind) / (2 * step), atol=1e-3)
 
 
 def contradictions(points: Floats, normals: Floats, shifts: Floats) -> Contradictions:

@@ -39,8 +39,14 @@ def slab(front_m: float) -> Mesh:
     return Mesh(vertices, np.array(faces), source="slab")
 
 
-def test_a_plane_is_found_two_centimetres_behind_the_start():
-    cameras = tuple(CAMERAS[view] for view in (7, 0, 1))
+@pytest.mark.parametrize(
+    "parallel", [(), (0, 1, 2), (1,)], ids=["perspective", "orthographic", "mixed"]
+)
+def test_a_plane_is_found_two_centimetres_behind_the_start(parallel):
+    cameras = tuple(
+        CAMERAS[view].weak_perspective(3.0) if place in parallel else CAMERAS[view]
+        for place, view in enumerate((7, 0, 1))
+    )
     photos = [contrast(v, 1, 6.0) for v in photographs(slab(0.0), cameras, grain)]
     start = StartSurface(slab(0.02))
     found = depth_map(1, photos, (0, 2), start, MatchSettings())

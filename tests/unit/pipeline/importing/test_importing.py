@@ -14,7 +14,7 @@ from harness.cli.main import app
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.camera_frames import write_colmap
-from harness.core.errors import DataError, HarnessError
+from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.process.threads import silent
 from harness.core.protocols import Context, MethodInfo
 from harness.core.rigs import RingRig
@@ -518,7 +518,6 @@ def test_front_and_back_are_found_and_what_is_far_is_told():
 
 
 def test_a_method_that_takes_more_photos_than_there_are_says_so():
-    from harness.core.errors import MethodError
 
     with pytest.raises(MethodError, match="takes 8 photos.*got 3 of 't'.*mexecon2"):
         views_for(MethodInfo("m", "M", views=tuple(range(8))), imported([0, 90, 200]))
@@ -527,6 +526,13 @@ def test_a_method_that_takes_more_photos_than_there_are_says_so():
 def test_a_method_that_takes_all_photos_is_given_all_from_the_front():
     chosen = views_for(MethodInfo("m", "M"), imported([90, 0, 200]))
     assert chosen.capture.numbers == (1, 0, 2)
+
+
+def test_a_method_that_needs_perspective_says_so():
+    ring = Capture("toy", "t", "ortho", "", None, RingRig(span_m=2.0).cameras(30, 40))  # pyright: ignore
+    with pytest.raises(MethodError, match="'m' takes no orthographic photos: it finds pinholes"):
+        views_for(MethodInfo("m", "M", needs_perspective="it finds pinholes"), ring)
+    assert len(views_for(MethodInfo("m", "M"), ring).capture.cameras) == 8
 
 
 @pytest.mark.parametrize(("count", "photos"), [(16, (0, 2, 4, 6, 8, 10, 12, 14)), (8, range(8))])
