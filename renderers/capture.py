@@ -23,9 +23,10 @@ from harness.core.mesh import Mesh
 from harness.core.process.blender import find_blender
 from harness.core.process.source_digest import SourceTree
 from harness.core.process.threads import StepReport, silent
-from harness.core.rigs import PhotoFaults
+from harness.core.rigs import PhotoFaults, RingRig
 from harness.core.settings import RenderRecipe
 from harness.core.truth import true_body
+from harness.core.units import MM_PER_METRE
 from harness.geometry.images import linear_from_srgb, load_rgba, save_png, srgb_from_linear
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import RENDERERS, Renderer, RenderOutcome, texture_of
@@ -244,15 +245,12 @@ def capture(
     images = [image_name(view) for view in range(len(cameras))]
     with atomic_directory(directory) as folder:
         started = time.perf_counter()
-        if exact is None:
-            renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
-            outcome = renderer.render(mesh, recipe, folder, progress)
-        else:
-            outcome = _copied(exact, folder, progress)
+        bodies = swayed(mesh, recipe, derive_seed(recipe.seed, scan.subject))
+        outcome = _pictures(bodies, recipe, folder, progress, exact)
         if recipe.photo is not None and recipe.photo.changes_pictures:
             take_photos(folder, len(cameras), recipe.photo, derive_seed(recipe.seed, scan.subject))
         rendered = time.perf_counter()
-        proofs = prove(mesh, cameras, folder)
+        proofs = _proven(bodies, cameras, folder)
         require_proof(proofs, recipe.minimum_mask_iou, f"'{scan.subject}'")
         given = _given_cameras(scan, mesh, recipe)
         inputs = replace(planned, device=outcome.device_kind)
@@ -288,6 +286,84 @@ def _placed(recipe: RenderRecipe, scan: Scan, mesh: Mesh) -> tuple[RenderRecipe,
             "the scan has no true body: photos are about the middle of its box, not its pelvis",
         )
     return replace(recipe, rig=rig), told
+
+
+def swayed(mesh: Mesh, recipe: RenderRecipe, seed: int) -> list[Mesh]:
+    """The mesh as it stands in each photo; itself where nobody sways.
+
+    The feet stay, the head moves by ``sway_mm`` in the root mean square, and the middle by half of
+    it besides.
+    """
+    views = recipe.rig.views
+    if recipe.photo is None or not recipe.photo.sway_mm:
+        return [mesh] * views
+    rng = np.random.default_rng(derive_seed(seed, "sway"))
+    low, high = mesh.bounds[:, 1]
+    height = (mesh.vertices[:, 1:2] - low) / (high - low)
+    size_m = recipe.photo.sway_mm / MM_PER_METRE / math.sqrt(2)
+    bodies: list[Mesh] = []
+    for _ in range(views):
+        lean, bend = size_m * rng.standard_normal((2, 2))
+        moved = mesh.vertices.copy()
+        moved[:, [0, 2]] += height * lean + np.sin(math.pi * height) * bend / 2
+        bodies.append(replace(mesh, vertices=moved))
+    return bodies
+
+
+@dataclass(frozen=True, slots=True)
+class _OneCamera(RingRig):
+    """A rig of one camera, wherever it stands."""
+
+    camera: Camera | None = None
+
+    def cameras(self, width: int, height: int) -> tuple[Camera, ...]:  # noqa: ARG002
+        assert self.camera is not None
+        return (self.camera,)
+
+
+def _pictures(
+    bodies: Sequence[Mesh],
+    recipe: RenderRecipe,
+    folder: Path,
+    progress: StepReport,
+    exact: Capture | None,
+) -> RenderOutcome:
+    """The pictures of a body that stands still or moves, rendered or copied."""
+    if exact is not None:
+        return _copied(exact, folder, progress)
+    if any(body is not bodies[0] for body in bodies):
+        return _one_by_one(bodies, recipe, folder, progress)
+    renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
+    return renderer.render(bodies[0], recipe, folder, progress)
+
+
+def _proven(
+    bodies: Sequence[Mesh], cameras: Sequence[Camera], folder: Path
+) -> tuple[ViewProof, ...]:
+    if all(body is bodies[0] for body in bodies):
+        return prove(bodies[0], cameras, folder)
+    pairs = enumerate(zip(bodies, cameras, strict=True))
+    return tuple(proof for view, (body, camera) in pairs
+                 for proof in prove(body, [camera], folder, view))  # fmt: skip
+
+
+def _one_by_one(
+    bodies: Sequence[Mesh], recipe: RenderRecipe, folder: Path, progress: StepReport
+) -> RenderOutcome:
+    """Each photo of the body as it stands then."""
+    renderer: Renderer = RENDERERS.resolve(recipe.renderer)()
+    outcomes: list[RenderOutcome] = []
+    for view, (body, camera) in enumerate(zip(bodies, recipe.cameras(), strict=True)):
+        alone = folder / "alone"
+        alone.mkdir()
+        one = replace(recipe, rig=_OneCamera(1, camera=camera), seed=derive_seed(recipe.seed, view))
+        outcomes.append(renderer.render(body, one, alone, silent))
+        (folder / image_name(view)).parent.mkdir(exist_ok=True)
+        (alone / image_name(0)).rename(folder / image_name(view))
+        shutil.rmtree(alone)
+        progress(view + 1, len(bodies))
+    warnings = dict.fromkeys(warning for each in outcomes for warning in each.warnings)
+    return RenderOutcome(outcomes[0].device, tuple(warnings))
 
 
 def _copied(exact: Capture, folder: Path, progress: StepReport) -> RenderOutcome:

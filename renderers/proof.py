@@ -49,15 +49,19 @@ class ViewProof:
         return asdict(self)
 
 
-def prove(mesh: Mesh, cameras: Sequence[Camera], directory: Path) -> tuple[ViewProof, ...]:
+def prove(
+    mesh: Mesh, cameras: Sequence[Camera], directory: Path, first: int = 0
+) -> tuple[ViewProof, ...]:
     """Compare the pictures below ``directory`` with a mesh in world metres; one result per view.
+
+    They are counted from ``first``.
 
     Raises:
         DataError: a picture is missing, damaged or of another size than its camera.
     """
     caster, normals_world = Raycaster(mesh), vertex_normals(mesh)
     proofs = []
-    for view, camera in enumerate(cameras):
+    for view, camera in enumerate(cameras, first):
         alpha = load_mask(directory / image_name(view), (camera.width, camera.height))
         outline = _outline_pixels(caster, normals_world, camera)
         errors = _contour_distances(alpha, outline)

@@ -327,9 +327,12 @@ class Reconstruction:
         body: The fitted body, for methods that fit one.
         details: Whatever a reader of the record should know, as JSON values.
         normals: Maps of the views in which the method estimated normals; empty where it does not.
+        cameras: Of a method that finds cameras itself, each with the one that it was given, both in
+            pixels of the photo; those found may have a world of their own.
     """
 
     mesh: Mesh
     body: Body | None = None
     details: Mapping[str, object] = field(default_factory=dict[str, object])
     normals: tuple[NormalMaps, ...] = ()
+    cameras: tuple[tuple[Camera, Camera], ...] = ()

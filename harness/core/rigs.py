@@ -43,6 +43,47 @@ def views_from_front(cameras: Sequence[Camera], front_yaw_deg: float = 0.0) -> t
 
 
 @dataclass(frozen=True, slots=True)
+class Unevenness:
+    """How the cameras of a ring stand that somebody walked, in random order.
+
+    Attributes:
+        seed: Of all that follows.
+        steps: Share by which the angles between neighbours differ at most from even ones.
+        pitch_deg: How far cameras are above or below the horizon at most, degrees.
+        distance: Share by which distances differ at most from the radius.
+        roll_deg: By how much pictures are turned at most, degrees.
+        aim_m: How far beside the origin cameras look at most along each axis, metres.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+    seed: int = 0
+    steps: float = 1 / 3
+    pitch_deg: float = 15.0
+    distance: float = 0.25
+    roll_deg: float = 3.0
+    aim_m: float = 0.05
+
+    def poses(self, views: int, radius_m: float) -> list[Floats]:
+        """(4, 4) ``world_to_camera`` of each view, in random order."""
+        rng = np.random.default_rng(self.seed)
+        steps = 1 + rng.uniform(-self.steps, self.steps, views)
+        yaws = 2 * math.pi * np.cumsum(steps) / steps.sum() + rng.uniform(0, 2 * math.pi)
+        poses: list[Floats] = []
+        for yaw in rng.permutation(yaws):
+            pitch = math.radians(rng.uniform(-self.pitch_deg, self.pitch_deg))
+            roll = math.radians(rng.uniform(-self.roll_deg, self.roll_deg))
+            distance = radius_m * (1 + rng.uniform(-self.distance, self.distance))
+            level = np.array([math.sin(yaw), 0.0, math.cos(yaw)])
+            place = math.cos(pitch) * level + [0.0, math.sin(pitch), 0.0]
+            side = np.array([math.cos(yaw), 0.0, -math.sin(yaw)])
+            up = math.sin(roll) * side + [0.0, math.cos(roll), 0.0]
+            aim = rng.uniform(-self.aim_m, self.aim_m, 3)
+            poses.append(look_at(distance * place, aim, up))
+        return poses
+
+
+@dataclass(frozen=True, slots=True)
 class RingRig:
     """Cameras evenly spaced on a circle around what they look at, all at one pitch.
 
@@ -65,6 +106,7 @@ class RingRig:
             the ``root`` joint of its true body, the pelvis; or its ``axis``, the point above or
             below that joint in the middle of the box's height.
         target_m: (x, y, z) of what they look at, world metres; ``about`` moves it.
+        uneven: How cameras stand instead, if not evenly; pitch and first yaw then say nothing.
     """
 
     views: int = 8
@@ -77,6 +119,7 @@ class RingRig:
     span_heights: float = 0.0
     about: Literal["box", "root", "axis"] = "box"
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    uneven: Unevenness | None = None
 
     def placed(self, bounds: Floats, root: Floats | None) -> RingRig:
         """The ring about one subject.
@@ -95,7 +138,7 @@ class RingRig:
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values; what was added later is not said where it is as it always was."""
-        later = {each.name: each.default for each in fields(self)[-4:]}
+        later = {each.name: each.default for each in fields(self)[-5:]}
         return {
             name: value
             for name, value in asdict(self).items()
@@ -115,6 +158,9 @@ class RingRig:
             focal = max(width, height) / self.span_m
         target = np.array(self.target_m)
         K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+        if self.uneven is not None:
+            poses = self.uneven.poses(self.views, self.radius_m)
+            return tuple(Camera(K, pose, width, height) for pose in poses)
         pitch = math.radians(self.pitch_deg)
         cameras: list[Camera] = []
         for view in range(self.views):
@@ -144,6 +190,8 @@ class PhotoFaults:
         jpeg_quality: Quality of the compression, 1 to 100 as Pillow counts; 0 does not compress.
         calibration_px: Root mean square of the re-projection error over the subject's box, of the
             cameras that methods are given; the photos are taken with the exact ones.
+        sway_mm: Root mean square by which the head moves sideways from photo to photo, as the body
+            leans and bends; the truth is the scan as it is.
     """
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -153,6 +201,7 @@ class PhotoFaults:
     exposure_stops: float = 0.0
     jpeg_quality: int = 0
     calibration_px: float = 0.0
+    sway_mm: float = 0.0
 
     def __post_init__(self) -> None:
         ranges = {
@@ -161,6 +210,7 @@ class PhotoFaults:
             "exposure_stops": 3.0,
             "jpeg_quality": 100.0,
             "calibration_px": 50.0,
+            "sway_mm": 100.0,
         }
         for name, most in ranges.items():
             if not 0 <= getattr(self, name) <= most:

@@ -168,13 +168,18 @@ class RenderRecipe:
 
     def is_exact_of(self, other: RenderRecipe) -> bool:
         """Whether its pictures are those of ``other`` before a camera's faults are laid over."""
-        return other.photo is not None and self == replace(other, name=self.name, photo=None)
+        faults = other.photo
+        if faults is None or faults.sway_mm:
+            return False
+        return self == replace(other, name=self.name, photo=None)
 
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON values; without ``photo`` where photos are exact."""
-        values: dict[str, object] = {**asdict(self), "rig": self.rig.to_dict()}
+        """Plain JSON values; without what recipes of exact photos need not say."""
+        values: dict[str, Any] = {**asdict(self), "rig": self.rig.to_dict()}
         if self.photo is None:
             del values["photo"]
+        elif not self.photo.sway_mm:
+            del values["photo"]["sway_mm"]
         return values
 
     @property

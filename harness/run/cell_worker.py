@@ -121,7 +121,7 @@ class _Task:
                 every = capture.from_front()
                 result, moved = brought(result, capture, truth.mesh)
                 scores = scores_of(result, every, truth, self.protocol, others)
-                scores = with_cameras(scores, capture, truth.mesh)
+                scores = with_cameras(scores, self.method.info, result, capture, truth.mesh)
         except MissingPart as error:
             return CellResult("missing", str(error), by_method=False, stages=tuple(meter.stages))
         except (Killed, WriteError) as error:

@@ -195,14 +195,31 @@ def _moved_body(body: Body, move: Similarity) -> Body:
     )
 
 
-def with_cameras(scores: Scores, capture: Capture, truth: Mesh) -> Scores:
-    """The scores with the errors of the capture's estimated cameras, where they were estimated."""
-    if own_world(capture) is capture:
+def with_cameras(
+    scores: Scores,
+    method: MethodInfo,
+    result: Reconstruction,
+    capture: Capture,
+    truth: Mesh,
+) -> Scores:
+    """The scores with the errors of cameras that the capture, or else the method, estimated."""
+    diagnostics = scores.diagnostics
+    if own_world(capture) is not capture:
+        found, known = found_and_true(capture)
+        diagnostics = diagnostics and replace(diagnostics, alignment="sim3-cameras")
+    elif result.cameras and _are_estimated(method, capture):
+        found, known = zip(*result.cameras, strict=True)
+    else:
         return scores
     points = truth.vertices[:: max(1, len(truth.vertices) // _POINTS)]
-    errors = camera_errors(*found_and_true(capture), points)
-    diagnostics = scores.diagnostics and replace(scores.diagnostics, alignment="sim3-cameras")
+    errors = camera_errors(found, known, points)
     return replace(scores, metrics={**scores.metrics, **errors}, diagnostics=diagnostics)
+
+
+def _are_estimated(method: MethodInfo, capture: Capture) -> bool:
+    """Whether a method's cameras are its own finding, and those beside them the true ones."""
+    has_scan = Privilege.GROUND_TRUTH_MESH in method.privileges
+    return not has_scan and "exact_cameras" not in capture.provenance
 
 
 def found_and_true(capture: Capture) -> tuple[tuple[Camera, ...], tuple[Camera, ...]]:

@@ -46,10 +46,11 @@ class PointsRooms:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Aligned:
-    """All views in the world's metres, and what the alignment found."""
+    """All views in the world's metres, what the alignment found, cameras found and known."""
 
     views: tuple[WorldDepth, ...]
     details: dict[str, object]
+    found: tuple[tuple[Camera, Camera], ...]
 
 
 class PointsMethod:
@@ -166,7 +167,7 @@ class PointsMethod:
             **kept.details(),
             **surfaces.details(),
         }
-        return Reconstruction(mesh=surfaces.chosen, details=details)
+        return Reconstruction(mesh=surfaces.chosen, details=details, cameras=aligned.found)
 
 
 def _aligned(estimate: Estimate, photos: Sequence[Photo], mode: str) -> _Aligned:
@@ -199,7 +200,17 @@ def _aligned(estimate: Estimate, photos: Sequence[Photo], mode: str) -> _Aligned
         )
         for camera, each, photo in zip(cameras, estimate.views, photos, strict=True)
     )
-    return _Aligned(views, details)
+    pairs = [
+        (_of_photo(a, b, photo), _of_photo(b, b, photo))
+        for a, b, photo in zip(found, known, photos, strict=True)
+    ]
+    return _Aligned(views, details, () if mode == "native_posed" else tuple(pairs))
+
+
+def _of_photo(camera: Camera, known: Camera, photo: Photo) -> Camera:
+    """A camera of a source's picture in pixels as large as the photo's."""
+    larger = photo.camera.K[0, 0] / known.K[0, 0]
+    return camera.resized(round(larger * camera.width), round(larger * camera.height))
 
 
 def _focal_ratio(found: Sequence[Camera], known: Sequence[Camera]) -> float:

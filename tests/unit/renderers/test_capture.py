@@ -11,9 +11,10 @@ import renderers.raycast
 from harness.core.artifacts import Capture
 from harness.core.camera_frames import BLENDER_TO_WORLD
 from harness.core.errors import DataError, HarnessError, MethodError, MissingPart
+from harness.core.rigs import PhotoFaults
 from harness.data.camera_files import read_cameras
 from harness.geometry.images import load_rgba
-from renderers.capture import CaptureInputs, capture
+from renderers.capture import CaptureInputs, capture, swayed
 
 
 def test_a_capture_is_read_back(figure, recipe, scan, tmp_path):
@@ -178,3 +179,26 @@ def test_ray_cast_colours_are_the_closed_form(figure, recipe, scan, tmp_path):
     assert (rgba[rows[0] + 20][inside[rows[0] + 20]][:, :3] == (200, 30, 30)).all()
     assert (rgba[rows[-1] - 20][inside[rows[-1] - 20]][:, :3] == (30, 160, 30)).all()
     assert not rgba[rgba[..., 3] == 0].any(), "empty pixels are empty in colour too"
+
+
+def test_a_person_who_sways_is_photographed_as_they_stand_then(figure, recipe, scan, tmp_path):
+    """Feet stay, heads move; each photo is proven with the body that it shows."""
+    swaying = replace(recipe, photo=PhotoFaults(sway_mm=20.0))
+    bodies = swayed(figure, swaying, 1)
+    moved = np.array([body.vertices - figure.vertices for body in bodies])
+    heights = figure.vertices[:, 1]
+    assert np.abs(moved[:, heights.argmin()]).max() < 1e-9
+    assert not moved[..., 1].any()
+    many = replace(swaying, rig=replace(recipe.rig, views=2000))
+    heads = [body.vertices[heights.argmax()] - figure.vertices[heights.argmax()]
+             for body in swayed(figure, many, 1)]  # fmt: skip
+    assert np.sqrt((np.array(heads) ** 2).sum(axis=1).mean()) == pytest.approx(0.02, rel=0.05)
+
+    still = capture(scan, figure, recipe, tmp_path / "still")
+    made = capture(scan, figure, swaying, tmp_path / "swaying")
+    assert made.damage() == ""
+    assert [proof["view"] for proof in made.provenance["proof"]] == [0, 1, 2]
+    assert not recipe.is_exact_of(swaying)
+    assert "sway_mm" not in replace(recipe, photo=PhotoFaults(noise=1.0)).to_dict()["photo"]
+    pictures = [load_rgba(each.image_path(1)) for each in (still, made)]
+    assert (pictures[0] != pictures[1]).any()

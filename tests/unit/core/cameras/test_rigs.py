@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from harness.core.camera_frames import read_published_cameras
-from harness.core.rigs import RingRig, camera_yaw_deg, focal_length_px, views_from_front
+from harness.core.rigs import (
+    RingRig,
+    Unevenness,
+    camera_yaw_deg,
+    focal_length_px,
+    views_from_front,
+)
+from harness.core.settings import RenderRecipe
 
 
 def test_ring8_has_the_papers_numbers() -> None:
@@ -86,3 +93,26 @@ def test_a_lifted_ring_keeps_its_radius_and_looks_at_the_centre() -> None:
 def test_the_sensor_is_fitted_to_the_longer_side() -> None:
     assert focal_length_px(50, 36, 1080, 1920) == focal_length_px(50, 36, 1920, 1080)
     assert focal_length_px(50, 36, 36, 36) == 50
+
+
+def test_a_walked_ring_keeps_its_bounds_and_says_nothing_where_there_is_none() -> None:
+    rig = RingRig(radius_m=4.0, uneven=Unevenness(seed=3))
+    cameras = rig.cameras(108, 192)
+    assert [c.to_dict() for c in rig.cameras(108, 192)] == [c.to_dict() for c in cameras]
+    yaws = np.array([camera_yaw_deg(camera) for camera in cameras])
+    steps = np.diff(np.sort(yaws), append=np.sort(yaws)[0] + 360)
+    assert steps.sum() == pytest.approx(360)
+    assert 20 < steps.min() < 40 < 50 < steps.max() < 90
+    assert (np.diff(yaws) < 0).sum() > 1  # shuffled
+    places = np.array([camera.position for camera in cameras])
+    distances = np.linalg.norm(places, axis=1)
+    assert 3.0 <= distances.min() < distances.max() <= 5.0
+    assert np.degrees(np.abs(np.arcsin(places[:, 1] / distances))).max() <= 15.0
+    for camera in cameras:
+        beside = camera.project([[0.0, 0, 0]])[0][0] - [54, 96]
+        assert np.abs(beside).max() < 0.1 / 3 * camera.K[0, 0]
+        right_of_level = np.degrees(np.arcsin(camera.rotation[0, 1]))
+        assert abs(right_of_level) < 3.5
+    plain = RenderRecipe("r", RingRig(), 108, 192).to_dict()
+    assert "uneven" not in plain["rig"]
+    assert RenderRecipe("r", rig, 108, 192).to_dict()["rig"]["uneven"]["seed"] == 3

@@ -14,6 +14,7 @@ from harness.geometry.topology import open_edges
 from methods.from_points.oracle8 import oracle8_points
 from methods.points.method import PointsMethod
 from methods.points.sources import DepthSettings, RenderedDepth
+from metrics.cameras import camera_errors
 
 FAST = {"mesh.depth": "6", "mesh.cell_m": "0.01", "depth.longest_px": "240"}
 
@@ -45,6 +46,15 @@ def test_a_sphere_comes_back_whatever_world_its_depth_was_in(mode, capture, cont
     if mode != "native_posed":
         assert found["centre_rms_mm"] < 1e-3
         assert abs(np.log(found["scale"])) > 1e-3
+        for camera, known in result.cameras:
+            given = capture.cameras[0]
+            np.testing.assert_allclose(known.K, given.K, rtol=0.01)
+            np.testing.assert_allclose(camera.K, known.K)
+        errors = camera_errors(*zip(*result.cameras, strict=True), ball.vertices)
+        assert errors["camera_rotation"].value < 1e-4
+        assert errors["camera_reprojection"].value < 1e-3
+    else:
+        assert result.cameras == ()
 
 
 def test_two_opposite_views_are_aligned_too(capture, context, ball):
