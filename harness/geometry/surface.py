@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats, Ints, Singles
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.geometry.coinciding import (
@@ -175,6 +175,16 @@ class SurfaceIndex:
         triangles, barycentric = search_nearest(self._scene, query, what)
         found = self.at(self._searchable[triangles], barycentric)
         return found, _lengths(found.points - points)
+
+    def distance(self, points: Floats) -> Singles:
+        """(N,) distances of (N, 3) query points to the surface, in single precision.
+
+        Raises:
+            DataError: as ``closest``.
+        """
+        query = np.asarray(points, dtype=np.float64) - self.centre
+        what = f"a point to measure against {self.mesh.source}"
+        return self._scene.compute_distance(_tensor32(query, what)).numpy()
 
     def smooth_at(self, *, seams: bool) -> SurfaceIndex:
         """The same surface with smooth normals that end at texture seams, or do not."""

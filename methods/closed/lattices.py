@@ -119,17 +119,18 @@ class _Crossings:
         return np.moveaxis(sums.reshape(shape)[..., :length], 2, axis)
 
 
-def signed_distance(mesh: Mesh, lattice: Lattice, reach_m: float) -> Singles:
+def signed_distance(mesh: Mesh, lattice: Lattice, reach_m: float, cells: int = 0) -> Singles:
     """Distance of each lattice point to a closed mesh, metres, positive inside.
 
-    Exact within about ``reach_m`` of the surface, and clipped to it beyond.
+    Exact within about ``reach_m`` of the surface, and clipped to it beyond; with ``cells``, exact
+    only so many cells from where the surface passes: contouring looks at one.
     """
     inside = winding(mesh, lattice) > 0
-    near = _border(inside, max(1, int(np.ceil(reach_m / lattice.step_m))))
+    near = _border(inside, cells or max(1, int(np.ceil(reach_m / lattice.step_m))))
     distance = np.where(inside, reach_m, -reach_m).astype(np.float32)
     indices = np.argwhere(near)
     if len(indices):
-        way = SurfaceIndex(mesh).closest(lattice.points(indices))[1].clip(max=reach_m)
+        way = SurfaceIndex(mesh).distance(lattice.points(indices)).clip(max=reach_m)
         distance[near] = np.where(inside[near], way, -way)
     return distance
 
@@ -195,7 +196,7 @@ def remeshed(mesh: Mesh, step_m: float, within: Callable[[Floats], Singles] | No
     lattice = lattice_around(mesh.bounds, step_m)
     # Beyond the next lattice point a distance is never interpolated.
     reach_m = np.float32(1.8 * step_m)
-    field = signed_distance(mesh, lattice, float(reach_m))
+    field = signed_distance(mesh, lattice, float(reach_m), 1 if within is None else 0)
     if within is not None:
         near = np.abs(field) < reach_m
         points = lattice.points(np.argwhere(near))

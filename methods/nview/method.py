@@ -27,6 +27,7 @@ from harness.core.settings import configured, rooms_of
 from harness.files.mesh_files import save_mesh
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
+from harness.geometry.solving import SOLVED
 from methods.body.models.choice import forget_body_models
 from methods.body_fit import BodyFit
 from methods.fit_settings import JMBO_PLUS, FitSettings
@@ -194,6 +195,7 @@ class FusedMethod:
         settings = self.settings
         total = len(capture.cameras)
         capture = even_choice(capture, settings.views)
+        factorised = SOLVED.factorised
         with context.stage("outlines"):
             outlines = checked_views(outline_views(capture, range(len(capture.cameras))))
         person = self._person(capture, outlines, context)
@@ -217,6 +219,7 @@ class FusedMethod:
             with context.stage("finish"):
                 mesh = finished_surface(settled(pulled.mesh, views, settings), views, settings)
             details["photos"] = pulled.details()
+        details["factorised"] = SOLVED.factorised - factorised
         details["silhouettes"] = silhouette_fit(mesh, views, _SILHOUETTE_PIXEL_M).details()
         if context.keep:
             with context.stage("pictures"):

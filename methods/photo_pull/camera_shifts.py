@@ -216,7 +216,10 @@ class _OnSurface:
 
 def _on_surface(camera: Camera, points: Floats, tangents: Floats) -> _OnSurface:
     jacobians = _jacobians(camera, points)
-    return _OnSurface(np.linalg.inv(jacobians @ tangents), jacobians)
+    (a, b), (c, d) = (jacobians @ tangents).transpose(1, 2, 0)
+    # In closed form: numpy inverts small matrices one by one.
+    inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+    return _OnSurface(inverse.transpose(2, 0, 1), jacobians)
 
 
 def _tangents(normals: Floats) -> Floats:

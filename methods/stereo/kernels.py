@@ -40,6 +40,21 @@ def device_array(values: Any, kind: Any) -> Any:
     return wp.array(np.ascontiguousarray(values, dtype=plain), dtype=kind, device=_DEVICE)
 
 
+def quads(pictures: Any) -> Any:
+    """(K, H, W) pictures as the windows read them: each pixel with its right and lower neighbours.
+
+    (K, H, W, 4), the first of the four far below zero where one of them is.
+    """
+    pictures = np.asarray(pictures, np.float32)
+    four = np.full((*pictures.shape, 4), -100.0, np.float32)
+    left, right = pictures[..., :-1], pictures[..., 1:]
+    corners = left[:, :-1], right[:, :-1], left[:, 1:], right[:, 1:]
+    for place, corner in enumerate(corners):
+        four[:, :-1, :-1, place] = corner
+    four[:, :-1, :-1, 0][np.minimum.reduce(corners) < -50.0] = -100.0
+    return wp.array(four, dtype=wp.vec4, device=_DEVICE)
+
+
 def launch(kernel: Any, count: int, arguments: list[Any]) -> None:
     """Run a kernel for each of ``count`` indices, in order, on the thread that calls."""
     wp.launch(kernel, dim=count, inputs=arguments, device=_DEVICE)
@@ -53,33 +68,6 @@ def launch(kernel: Any, count: int, arguments: list[Any]) -> None:
 
 wp.set_module_options({"enable_backward": False})
 
-#: Sums over a window: weights, a, b, a a, b b, a b.
-Sums = wp.types.vector(length=6, dtype=wp.float32)
-
-
-@wp.func
-def bilinear(images: wp.array3d[wp.float32], view: int, x: float, y: float) -> float:
-    """A picture's value at a pixel coordinate; far below zero beside the subject."""
-    fx = x - 0.5
-    fy = y - 0.5
-    if fx < 0.0 or fy < 0.0:
-        return float(-100.0)
-    column = int(fx)
-    row = int(fy)
-    if column >= images.shape[2] - 1 or row >= images.shape[1] - 1:
-        return float(-100.0)
-    right = fx - float(column)
-    down = fy - float(row)
-    a = images[view, row, column]
-    b = images[view, row, column + 1]
-    c = images[view, row + 1, column]
-    d = images[view, row + 1, column + 1]
-    if wp.min(wp.min(a, b), wp.min(c, d)) < -50.0:
-        return float(-100.0)
-    top = a + right * (b - a)
-    bottom = c + right * (d - c)
-    return top + down * (bottom - top)
-
 
 @wp.func
 def inside(image: wp.array2d[wp.float32], x: int, y: int) -> bool:
@@ -87,31 +75,13 @@ def inside(image: wp.array2d[wp.float32], x: int, y: int) -> bool:
     return x >= 0 and y >= 0 and x < image.shape[1] and y < image.shape[0]
 
 
-@wp.func
-def correlated(sums: Sums, first_floor: float, second_floor: float) -> float:
-    """Normalised cross-correlation from sums; less texture than noise makes it small."""
-    ma = sums[1] / sums[0]
-    mb = sums[2] / sums[0]
-    va = wp.max(sums[3] / sums[0] - ma * ma, first_floor)
-    vb = wp.max(sums[4] / sums[0] - mb * mb, second_floor)
-    return (sums[5] / sums[0] - ma * mb) / wp.sqrt(va * vb)
-
-
-# Types are Warp's own here, and no type checker knows its language.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportGeneralTypeIssues=false
-# pyright: reportOperatorIssue=false, reportReturnType=false, reportAttributeAccessIssue=false
-# pyright: reportCallIssue=false, reportAssignmentType=false, reportInvalidTypeForm=false
-
-
-wp.set_module_options({"enable_backward": False})
-
-
 @wp.struct
 class Reference:
     """The view whose depth is searched, and the planes that a step may propose.
 
-    ``back`` is K^-1, its last row 0 where ``parallel`` rays are all (0, 0, 1) and start at
-    ``back`` p; ``weights`` those of the window's pixels; depths lie between near and far.
+    ``image`` has a border as wide as the window's radius; ``back`` is K^-1, its last row 0 where
+    ``parallel`` rays are all (0, 0, 1) and start at ``back`` p; ``weights`` are those of the
+    window's pixels; depths lie between near and far.
     """
 
     image: wp.array2d[wp.float32]
@@ -134,7 +104,7 @@ class Sources:
     parallel rays at A p + b z, its depth z being (d - n.K^-1 p) / n.z.
     """
 
-    images: wp.array3d[wp.float32]
+    quads: wp.array3d[wp.vec4]
     rotation: wp.array[wp.mat33]
     shift: wp.array[wp.vec3]
     floor: wp.array[wp.float32]
@@ -169,36 +139,103 @@ class Plane:
     cost: wp.float32
 
 
-@wp.func
+#: Windows in C++: rows of 16 samples side by side, which a compiler turns into vector code. Warp's
+#: own code takes three times as long.
+_BEGIN = """
+    float sw[16] = {0}, sa[16] = {0}, sb[16] = {0}, saa[16] = {0}, sbb[16] = {0}, sab[16] = {0};
+    float lost[16] = {0};
+    const int n = 2 * radius + 1;
+    const int wide_weights = weights.strides[0] / sizeof(float);
+"""
+#: A row of a picture's values at (u[i], w[i]), far below zero beside the subject.
+_SAMPLES = """
+        int at[16];
+        float right[16], down[16], within[16];
+        for (int i = 0; i < 16; ++i) {
+            const float x = u[i] > 0.0f ? (u[i] < most_x ? u[i] : most_x) : 0.0f;
+            const float y = w[i] > 0.0f ? (w[i] < most_y ? w[i] : most_y) : 0.0f;
+            within[i] = (u[i] == x && w[i] == y) ? 1.0f : 0.0f;
+            const int column = (int)x, row = (int)y;
+            right[i] = x - (float)column;
+            down[i] = y - (float)row;
+            at[i] = 4 * (row * across + column);
+        }
+        for (int i = 0; i < n; ++i) {
+            const float* p = four + at[i];
+            const float top = p[0] + right[i] * (p[1] - p[0]);
+            const float bottom = p[2] + right[i] * (p[3] - p[2]);
+            const bool shown = p[0] > -50.0f && within[i] > 0.0f;
+            value[i] = shown ? top + down[i] * (bottom - top) : -100.0f;
+        }
+"""
+#: A row's weighted sums, and the sums' correlation: less texture than noise makes it small.
+_ADD = """
+        for (int i = 0; i < 16; ++i) {
+            const float both = a[i] > -50.0f && b[i] > -50.0f ? 1.0f : 0.0f;
+            const float g = weight[i] * both, ga = g * a[i], gb = g * b[i];
+            lost[i] += counted[i] - counted[i] * both;
+            sw[i] += g; sa[i] += ga; sb[i] += gb;
+            saa[i] += ga * a[i]; sbb[i] += gb * b[i]; sab[i] += ga * b[i];
+        }
+"""
+_END = """
+    float W = 0.0f, A = 0.0f, B = 0.0f, AA = 0.0f, BB = 0.0f, AB = 0.0f, L = 0.0f;
+    for (int i = 0; i < 16; ++i) {
+        W += sw[i]; A += sa[i]; B += sb[i]; L += lost[i];
+        AA += saa[i]; BB += sbb[i]; AB += sab[i];
+    }
+    if (5.0f * L > (float)(2 * n * n) || W < 1.0e-3f) return -1.0f;
+    const float ma = A / W, mb = B / W;
+    float va = AA / W - ma * ma, vb = BB / W - mb * mb;
+    va = va > first_floor ? va : first_floor;
+    vb = vb > second_floor ? vb : second_floor;
+    return (AB / W - ma * mb) / sqrtf(va * vb);
+"""
+_WINDOW = f"""
+    const int radius = reference.radius;
+    const auto& weights = reference.weights;
+    const auto& image = reference.image;
+    const auto& quads = sources.quads;
+    const float first_floor = reference.floor, second_floor = sources.floor.data[source];
+    {_BEGIN}
+    const int wide = image.strides[0] / sizeof(float);
+    const int across = quads.strides[1] / sizeof(wp::vec4);
+    const float most_x = quads.shape[2] - 1.001f, most_y = quads.shape[1] - 1.001f;
+    const float* four = (const float*)((const char*)quads.data + source * quads.strides[0]);
+    const float h00 = H.data[0][0], h10 = H.data[1][0], h20 = H.data[2][0];
+    const float x0 = (float)(px - radius) + 0.5f;
+    for (int j = 0; j < n; ++j) {{
+        const float y = (float)(py - radius + j) + 0.5f;
+        const float rx = h00 * x0 + H.data[0][1] * y + H.data[0][2];
+        const float ry = h10 * x0 + H.data[1][1] * y + H.data[1][2];
+        const float rz = h20 * x0 + H.data[2][1] * y + H.data[2][2];
+        float u[16], w[16], a[16], b[16], weight[16], counted[16];
+        for (int i = 0; i < 16; ++i) {{
+            const float scale = 1.0f / (rz + (float)i * h20);
+            u[i] = (rx + (float)i * h00) * scale - 0.5f;
+            w[i] = (ry + (float)i * h10) * scale - 0.5f;
+            a[i] = b[i] = -100.0f;
+            weight[i] = counted[i] = 0.0f;
+        }}
+        // The picture has a border of the window's radius.
+        const float* shown = image.data + (py + j) * wide + px;
+        for (int i = 0; i < n; ++i) {{
+            a[i] = shown[i];
+            weight[i] = weights.data[j * wide_weights + i];
+            counted[i] = a[i] > -50.0f ? 1.0f : 0.0f;
+        }}
+        float* value = b;
+        {_SAMPLES}
+        {_ADD}
+    }}
+    {_END}"""
+
+
+@wp.func_native(_WINDOW)
 def correlation(
     reference: Reference, sources: Sources, source: int, H: wp.mat33, px: int, py: int
 ) -> float:
     """Normalised cross-correlation of a window with its image under a homography."""
-    sums = Sums()
-    lost = int(0)
-    R = reference.radius
-    start = H * wp.vec3(float(px - R) + 0.5, float(py - R) + 0.5, 1.0)
-    across = wp.vec3(H[0, 0], H[1, 0], H[2, 0])
-    along = wp.vec3(H[0, 1], H[1, 1], H[2, 1])
-    for j in range(2 * R + 1):
-        y = py - R + j
-        q = start + float(j) * along
-        for i in range(2 * R + 1):
-            x = px - R + i
-            if inside(reference.image, x, y):
-                a = reference.image[y, x]
-                if a > -50.0:
-                    scale = 1.0 / q[2]
-                    b = bilinear(sources.images, source, q[0] * scale, q[1] * scale)
-                    if b > -50.0:
-                        g = reference.weights[j, i]
-                        sums += Sums(g, g * a, g * b, g * a * a, g * b * b, g * a * b)
-                    else:
-                        lost += 1
-            q = q + across
-    if 5 * lost > 2 * (2 * R + 1) * (2 * R + 1) or sums[0] < 1.0e-3:
-        return float(-1.0)
-    return correlated(sums, reference.floor, sources.floor[source])
 
 
 @wp.func
@@ -223,7 +260,7 @@ def cost_of(
     best = float(2.0)
     other = float(2.0)
     count = int(0)
-    for k in range(sources.images.shape[0]):
+    for k in range(sources.quads.shape[0]):
         if sources.visible[k, py, px] > 0:
             H = sources.rotation[k] + wp.outer(sources.shift[k], row)
             c = 1.0 - correlation(reference, sources, k, H, px, py)
@@ -261,7 +298,7 @@ def carried_depth(
     """The depth that another pixel's plane has here; -1 where it is none or not worth trying."""
     x = pixel[0] + step[0]
     y = pixel[1] + step[1]
-    if not inside(reference.image, x, y):
+    if not inside(reference.near, x, y):
         return float(-1.0)
     theirs = planes.cost[y, x]
     if theirs >= 1.5 or theirs >= cost + 0.3:
@@ -368,20 +405,12 @@ def match_sharpness(
     sharpness[y, x] = wp.min(nearer, further) - c
 
 
-# Types are Warp's own here, and no type checker knows its language.
-# pyright: reportIndexIssue=false, reportArgumentType=false, reportGeneralTypeIssues=false
-# pyright: reportOperatorIssue=false, reportReturnType=false, reportAttributeAccessIssue=false
-# pyright: reportCallIssue=false, reportAssignmentType=false, reportInvalidTypeForm=false
-
-
-wp.set_module_options({"enable_backward": False})
-
-
 @wp.struct
 class Pair:
-    """Two pictures with their 3 x 4 projections, row by row, and the variances of their noise."""
+    """Two pictures as ``quads``, their 3 x 4 projections by rows, and the variances of noise."""
 
-    images: wp.array3d[wp.float32]
+    first: wp.array3d[wp.vec4]
+    second: wp.array3d[wp.vec4]
     projections: wp.array2d[wp.float32]
     floors: wp.array[wp.float32]
 
@@ -407,13 +436,63 @@ def seen_at(P: wp.array2d[wp.float32], view: int, X: wp.vec3) -> wp.vec2:
     return wp.vec2(a / c, b / c)
 
 
+_PATCH = f"""
+    const int radius = patches.radius;
+    const auto& weights = patches.weights;
+    const float first_floor = pair.floors.data[0], second_floor = pair.floors.data[1];
+    {_BEGIN}
+    for (int j = 0; j < n; ++j) {{
+        const float r = (float)(j - radius);
+        float a[16], b[16], weight[16], counted[16];
+        for (int i = 0; i < 16; ++i) {{
+            a[i] = b[i] = -100.0f;
+            weight[i] = counted[i] = 0.0f;
+        }}
+        for (int i = 0; i < n; ++i) {{
+            weight[i] = weights.data[j * wide_weights + i];
+            counted[i] = 1.0f;
+        }}
+        for (int k = 0; k < 2; ++k) {{
+            const auto& quads = k ? pair.second : pair.first;
+            const wp::mat22& way = k ? from_second : from_first;
+            const wp::vec2& middle = k ? at_second : at_first;
+            const int across = quads.strides[1] / sizeof(wp::vec4);
+            const float most_x = quads.shape[2] - 1.001f, most_y = quads.shape[1] - 1.001f;
+            const float* four = (const float*)quads.data;
+            const float ux = way.data[0][0], uy = way.data[1][0];
+            const float ox = middle.c[0] + r * way.data[0][1] - (float)radius * ux - 0.5f;
+            const float oy = middle.c[1] + r * way.data[1][1] - (float)radius * uy - 0.5f;
+            float u[16], w[16];
+            for (int i = 0; i < 16; ++i) {{
+                u[i] = ox + (float)i * ux;
+                w[i] = oy + (float)i * uy;
+            }}
+            float* value = k ? b : a;
+            {_SAMPLES}
+        }}
+        {_ADD}
+    }}
+    {_END}"""
+
+
+@wp.func_native(_PATCH)
+def patch_window(
+    pair: Pair,
+    patches: Patches,
+    from_first: wp.mat22,
+    from_second: wp.mat22,
+    at_first: wp.vec2,
+    at_second: wp.vec2,
+) -> float:
+    """Correlation of two pictures' samples: pixels of their middles, and from one to the next."""
+
+
 @wp.func
 def patch_correlation(
     pair: Pair, patches: Patches, centre: wp.vec3, u: wp.vec3, w: wp.vec3
 ) -> float:
     """Correlation of two pictures on a patch spanned by u and w, metres from centre to edge."""
-    R = patches.radius
-    parts = 1.0 / float(R)
+    parts = 1.0 / float(patches.radius)
     # Both projections are affine over a patch of a centimetre.
     a0 = seen_at(pair.projections, 0, centre)
     au = (seen_at(pair.projections, 0, centre + u) - a0) * parts
@@ -421,22 +500,9 @@ def patch_correlation(
     b0 = seen_at(pair.projections, 1, centre)
     bu = (seen_at(pair.projections, 1, centre + u) - b0) * parts
     bw = (seen_at(pair.projections, 1, centre + w) - b0) * parts
-    sums = Sums()
-    lost = int(0)
-    for r in range(-R, R + 1):
-        for q in range(-R, R + 1):
-            pa = a0 + float(r) * aw + float(q) * au
-            pb = b0 + float(r) * bw + float(q) * bu
-            a = bilinear(pair.images, 0, pa[0], pa[1])
-            b = bilinear(pair.images, 1, pb[0], pb[1])
-            if a > -50.0 and b > -50.0:
-                g = patches.weights[r + R, q + R]
-                sums += Sums(g, g * a, g * b, g * a * a, g * b * b, g * a * b)
-            else:
-                lost += 1
-    if 5 * lost > 2 * (2 * R + 1) * (2 * R + 1):
-        return float(-1.0)
-    return correlated(sums, pair.floors[0], pair.floors[1])
+    from_first = wp.mat22(au[0], aw[0], au[1], aw[1])
+    from_second = wp.mat22(bu[0], bw[0], bu[1], bw[1])
+    return patch_window(pair, patches, from_first, from_second, a0, b0)
 
 
 @wp.kernel

@@ -10,6 +10,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Ints, Mask
 from harness.core.mesh import Mesh
+from harness.geometry.solving import solved
 from harness.geometry.surface import vertex_normals
 from harness.geometry.topology import components, edges_of
 
@@ -84,17 +85,10 @@ class Neighbourhood:
             membrane_m: Over which length a motion spreads, metres.
         """
         from scipy.sparse import diags_array
-        from scipy.sparse.linalg import splu
 
         diagonal = self.areas_m2 * (weights + _HOLD) + 1e-14
-        matrix = (diags_array(diagonal) + membrane_m**2 * self._stiffness).tocsc()
-        solver: Any = splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        return solver.solve(self.areas_m2 * weights * offsets)
+        matrix = diags_array(diagonal) + membrane_m**2 * self._stiffness
+        return solved(matrix, self.areas_m2 * weights * offsets)
 
 
 #: Over how many neighbours the two are averaged: about 3 cm of surface.

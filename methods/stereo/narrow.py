@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -13,12 +14,12 @@ from harness.core.camera import Camera
 from harness.core.mesh import Mesh
 from harness.core.process.threads import on_all_cores
 from harness.geometry.raycast import Raycaster
-from methods.stereo.kernels import Pair, Patches, band_search, device_array, launch
+from methods.stereo.kernels import Pair, Patches, band_search, device_array, launch, quads
 from methods.stereo.membrane import Neighbourhood, agreement
 from methods.stereo.patchmatch import window_weights
 from methods.stereo.pull import RoundReport, round_report
 from methods.stereo.settings import NarrowSettings
-from methods.stereo.views import OUTSIDE, Contrast
+from methods.stereo.views import Contrast
 
 _SMOOTHINGS = 4
 #: Rays to the cameras start so far above the surface.
@@ -173,14 +174,9 @@ def correlation_curves(
     pixel_m: float,
 ) -> Singles:
     """(N, K) correlation of two photos for every point and offset."""
-    rows = max(photo.values.shape[0] for photo in two)
-    columns = max(photo.values.shape[1] for photo in two)
-    images = np.full((2, rows, columns), OUTSIDE, np.float32)
-    for image, photo in zip(images, two, strict=True):
-        image[: photo.values.shape[0], : photo.values.shape[1]] = photo.values
     pair, patches = Pair(), Patches()
     projections = [photo.camera.projection.ravel() for photo in two]
-    pair.images = device_array(images, wp.float32)
+    pair.first, pair.second = (_quads(photo) for photo in two)
     pair.projections = device_array(np.stack(projections), wp.float32)
     pair.floors = device_array([max(p.noise, _LEAST_CONTRAST) ** 2 for p in two], wp.float32)
     offsets = _offsets(settings)
@@ -192,6 +188,13 @@ def correlation_curves(
     curve = device_array(np.full((len(points), len(offsets)), -1.0), wp.float32)
     launch(band_search, len(points), [pair, patches, curve])
     return curve.numpy()
+
+
+def _quads(photo: Contrast) -> Any:
+    """A photo as the kernels read it, made once for all that share its values."""
+    if "quads" not in photo.made:
+        photo.made["quads"] = quads(photo.values[None])
+    return photo.made["quads"]
 
 
 def sure_peaks(curve: Singles, settings: NarrowSettings) -> tuple[Floats, Floats, Mask]:

@@ -29,6 +29,7 @@ from methods.stereo.kernels import (
     match_first,
     match_round,
     match_sharpness,
+    quads,
 )
 from methods.stereo.membrane import Neighbourhood
 from methods.stereo.settings import MatchSettings
@@ -198,7 +199,9 @@ def _facing(points: Floats, normals: Floats, camera: Camera) -> tuple[Floats, Fl
 
 def _reference(photo: Contrast, depth: Singles, normal: Singles, settings: MatchSettings) -> Any:
     reference = Reference()
-    reference.image = device_array(photo.values, wp.float32)
+    # With a border, so that no window reaches beyond the picture.
+    bordered = np.pad(photo.values, settings.radius_px, constant_values=OUTSIDE)
+    reference.image = device_array(bordered, wp.float32)
     reference.back = wp.mat33(_back(photo.camera).astype(np.float32))
     reference.parallel = photo.camera.is_orthographic
     reference.floor = _floor(photo)
@@ -239,7 +242,7 @@ def _sources(photo: Contrast, others: Sequence[Contrast], visible: Ints32) -> An
             rotation[index, :, 2] += shift[index]
             shift[index] = other.camera.K @ move[:3, 2]
     sources = Sources()
-    sources.images = device_array(images, wp.float32)
+    sources.quads = quads(images)
     sources.rotation = device_array(rotation, wp.mat33)
     sources.shift = device_array(shift, wp.vec3)
     sources.floor = device_array([_floor(other) for other in others], wp.float32)

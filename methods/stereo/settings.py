@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 from harness.core.errors import HarnessError
 
+#: Samples of a window from its middle, at most: the kernels read rows of 16.
+MOST_RADIUS = 7
+
 #: Four rounds from a hull that stands off by centimetres to a surface within a millimetre. Chosen
 #: on the training subject t00021; the last one leaves the mesh as it is.
 _ROUNDS_M = (
@@ -226,10 +229,12 @@ class StereoSettings:
     cameras: CameraSettings | None = None
 
     def __post_init__(self) -> None:
-        if self.match.radius_px < 1 or self.match.tries < 1 or self.narrow.radius < 1:
+        radii = self.match.radius_px, self.narrow.radius
+        if self.match.tries < 1 or not 1 <= min(radii) <= max(radii) <= MOST_RADIUS:
+            widest = 2 * MOST_RADIUS + 1
             raise HarnessError(
                 "stereo cannot search with these settings",
-                expected="windows of at least 3 x 3 and one try",
+                expected=f"windows of 3 x 3 to {widest} x {widest} and at least one try",
                 got=str(self.match),
             )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import convolve, gaussian_filter
@@ -83,11 +84,13 @@ class Contrast:
         camera: Camera of these pixels.
         values: (H, W) relative differences from the local mean; ``OUTSIDE`` beside the subject.
         noise: Standard deviation of the values where the subject is plainest.
+        made: What else was made of the values, by name: it goes when they go.
     """
 
     camera: Camera
     values: Singles
     noise: float
+    made: dict[str, Any] = field(default_factory=dict[str, Any], repr=False)
 
     @property
     def mask(self) -> Mask:
