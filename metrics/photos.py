@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -365,6 +365,7 @@ class ViewRecipe:
         psnr_over: Pixels of the ``mask``, or of the ``crop``.
         ssim: ``uniform`` windows of 7 pixels with the sample covariance, as scikit-image's default;
             ``gaussian`` ones of 11, without the border.
+        lpips: The network of its LPIPS.
         shorter_px: The shorter side is brought to this first, by nearest pixels; 0 keeps the size.
     """
 
@@ -374,16 +375,21 @@ class ViewRecipe:
     background: Literal["kept", "black"]
     psnr_over: Literal["mask", "crop"]
     ssim: Literal["uniform", "gaussian"]
+    lpips: Literal["alex", "vgg"]
     shorter_px: int = 0
 
 
-ACTORSHQ = ViewRecipe("nvs-actorshq", 1, 0, "kept", "mask", "uniform")
-BLACK1024 = ViewRecipe("nvs-black1024", 1, 8, "black", "crop", "gaussian", 1024)
+ACTORSHQ = ViewRecipe("nvs-actorshq", 1, 0, "kept", "mask", "uniform", "alex")
+BLACK1024 = ViewRecipe("nvs-black1024", 1, 8, "black", "crop", "gaussian", "vgg", 1024)
 VIEW_RECIPES: Mapping[str, ViewRecipe] = {each.name: each for each in (ACTORSHQ, BLACK1024)}
 
 
 def view_numbers(
-    rendered: Floats, photo: Floats, mask: Mask, recipe: ViewRecipe
+    rendered: Floats,
+    photo: Floats,
+    mask: Mask,
+    recipe: ViewRecipe,
+    perceptual: Callable[[Floats, Floats], float] | None = None,
 ) -> dict[str, float]:
     """``psnr`` in dB and ``ssim`` of pictures (H, W, 3) in [0, 1], both rounded to 8 bits first.
 
@@ -394,6 +400,7 @@ def view_numbers(
         photo: The true picture.
         mask: (H, W) the subject's in the true picture.
         recipe: How.
+        perceptual: The recipe's LPIPS, where its weights are there; adds ``lpips``.
 
     Raises:
         DataError: pictures of different sizes, or an empty mask.
@@ -413,8 +420,11 @@ def view_numbers(
     mine, true = (each[box] for each in pictures)
     within = mask[box] if recipe.psnr_over == "mask" else np.ones(mask[box].shape, dtype=bool)
     found = {"psnr": psnr_db(mine[within], true[within]), "ssim": _ssim(mine, true, recipe.ssim)}
-    several = ms_ssim(mine, true)
-    return found if several is None else {**found, "ms_ssim": several}
+    if (several := ms_ssim(mine, true)) is not None:
+        found["ms_ssim"] = several
+    if perceptual is not None:
+        found["lpips"] = perceptual(mine, true)
+    return found
 
 
 #: What each scale counts, the finest first.

@@ -24,9 +24,11 @@ from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
 from harness.core.files.npz import write_npz
 from harness.core.settings import MetricProtocol
+from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.run.external_meshes import FolderRequest, score_folder
 from harness.run.pair import score as score_meshes
+from harness.run.pair import score_views
 from harness.run.protocol_scores import score_protocols
 from harness.run.sealed import Look, admit
 from harness.run.sources import ScanSet
@@ -44,7 +46,8 @@ Predicted = Annotated[
     ),
 ]
 Truth = Annotated[
-    Path | None, typer.Option("--gt", metavar="FILE", help="The true mesh, if PRED is a mesh.")
+    Path | None,
+    typer.Option("--gt", metavar="FILE", help="The true mesh or photo, if PRED is one."),
 ]
 MethodName = Annotated[
     str,
@@ -92,6 +95,9 @@ def score(
     the world frame (+Y up); nothing is scaled or repaired, or aligned but where a protocol says so.
     The exit code is 1 when a subject of the dataset has no mesh, or one that cannot be scored, and
     when one of several protocols cannot measure a pair.
+
+    A rendered picture is scored against a photo, both PNG, by --protocol nvs-actorshq or
+    nvs-black1024.
     """
     if gt is not None and not dataset:
         of_folders = {
@@ -99,6 +105,9 @@ def score(
             "--run": run != "main",
         }  # fmt: skip
         _check_pair(predicted, gt, points, of_folders)
+        if gt.suffix == ".png":
+            views = score_views(predicted, gt, protocol)
+            return print_json(to_json(views)) if as_json else print(views)
         kept = points is not None
         found = score_meshes(predicted, gt, protocol, keep_points=kept, manifest=manifest)
         if points is not None:

@@ -133,6 +133,8 @@ class MethodInfo:
         view_count: How many of all views it takes, as evenly apart as can be; None for those in
             ``views``.
         needs_perspective: Why it takes no orthographic photos, one sentence; empty if it does.
+        trained_on: Datasets, subjects (``dataset/subject``) and people (as the manifest's
+            ``identity`` names them) that its networks have seen.
 
     Raises:
         MethodError: parameters that are not grouped by room.
@@ -149,6 +151,7 @@ class MethodInfo:
     deviations: tuple[Deviation, ...] = ()
     view_count: int | None = None
     needs_perspective: str = ""
+    trained_on: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # Methods of third parties are not type-checked with ours.
@@ -185,6 +188,7 @@ class MethodInfo:
             **self.identity(),
             "title": self.title,
             "deviations": to_json(self.deviations),
+            **({"trained_on": list(self.trained_on)} if self.trained_on else {}),
         }
 
 

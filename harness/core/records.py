@@ -354,6 +354,8 @@ class Record:
     """When, ISO 8601."""
     scale_rule: str = ""
     """What turned the scan's units into metres; empty where that is not known."""
+    identity: str = ""
+    """Which person the subject is, where the dataset says so."""
     inputs: Mapping[str, object] = field(default_factory=dict[str, object])
     """Everything that the numbers depend on, in readable form: settings, code, photos, truth."""
     files: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -409,6 +411,10 @@ class Record:
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values, with the schema's version and the digest of the numbers first."""
         document = _shown(to_json(self))
+        # Said by few datasets and methods; records without them stay as they were.
+        for place, name in ((document, "identity"), (document["method"], "trained_on")):
+            if not place[name]:
+                del place[name]
         return {"schema": RECORD_SCHEMA, "digest": _digest(document), **document}
 
     def save(self, path: Path) -> None:
@@ -468,6 +474,8 @@ class Record:
                 got=str(schema)[:_MOST_SHOWN],
                 hint="Run the evaluation again to replace it",
             )
+        if isinstance(method := document.get("method"), dict):
+            document = {"identity": "", **document, "method": {"trained_on": [], **method}}
         record = from_json(cls, document, source, "a record")
         for fault in _out_of_range(record, document):
             raise DataError(f"{source} is not a record", got=fault)

@@ -192,6 +192,8 @@ class Dataset(_Strict):
         subjects: Ids, in the order of tables; in the file also a mapping from id to its classes, or
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
+        identity: Which person each subject is, where several are of one or a method may have been
+            trained on others of them.
         generator: For generated subjects: who makes them, an entry point of ``harness.datasets``.
         scan_noise_mm: For generated subjects: standard deviation of bumps such as a scanner leaves.
         sealed: Kept for the last test: looking at it needs a reason and is logged.
@@ -208,6 +210,7 @@ class Dataset(_Strict):
     hidden: Literal["kept", "dropped"] = "kept"
     subjects: tuple[str, ...] = ()
     classes: dict[str, SubjectClass] = Field(default_factory=dict)
+    identity: dict[str, str] = Field(default_factory=dict)
     generator: str = AVATARS
     scan_noise_mm: float = Field(default=0.0, ge=0.0, le=5.0)
     sealed: bool = False

@@ -275,6 +275,7 @@ def _record(request: EvalRequest, cell: Cell, result: CellResult) -> Record:
         environment=result.environment or environment(),
         created_utc=utc_now(),
         scale_rule=request.source.scale_rule,
+        identity=request.source.identity_of(cell.subject),
         inputs=cell.inputs.to_dict() if cell.inputs else {},
         files=result.files,
     )

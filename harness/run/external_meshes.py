@@ -145,6 +145,7 @@ def _score_subject(
         environment=environment(),
         created_utc=utc_now(),
         scale_rule=request.truth.dataset.scale,
+        identity=request.truth.dataset.identity.get(subject, ""),
         inputs=found.inputs.to_dict() if found.inputs else {},
         files=found.files,
     )

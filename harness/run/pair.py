@@ -1,4 +1,4 @@
-"""Two meshes under one protocol or several: ``harness.score``, and ``harness score`` of a pair."""
+"""Two meshes under protocols, or two pictures under recipes: ``harness score`` of a pair."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, MissingPart
 from harness.core.mesh import Mesh
 from harness.core.metric_catalog import METRICS
 from harness.core.records import MetricValue
 from harness.core.settings import MetricProtocol
 from harness.data.manifest import load_manifest
 from harness.files.mesh_files import load_mesh
+from harness.geometry.images import load_rgba
+from methods.perceptual import perceptual_distance
+from metrics.photos import VIEW_RECIPES, view_numbers
 from metrics.score import Score, score_all
 
 
@@ -137,6 +140,58 @@ def score(
         failed={name: each for name, each in found.items() if isinstance(each, HarnessError)},
         notice=_as_it_lies(truth),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ViewNumbers:
+    """A rendered picture against a photo, by recipe.
+
+    Attributes:
+        numbers: ``psnr`` in dB, ``ssim``, ``ms_ssim`` and ``lpips``, as far as there are any.
+        lacking: Why a recipe has no ``lpips``.
+    """
+
+    numbers: Mapping[str, Mapping[str, float]]
+    lacking: Mapping[str, str]
+
+    def __str__(self) -> str:
+        lines: list[str] = []
+        for name, of_recipe in self.numbers.items():
+            lines.append(f"recipe {name} v{VIEW_RECIPES[name].version}")
+            lines += [f"  {key:8} {value:9.4f}" for key, value in of_recipe.items()]
+            lines += [f"  lpips: {self.lacking[name]}"] if name in self.lacking else []
+        return "\n".join(lines)
+
+
+def score_views(rendered: Path, photo: Path, recipes: str) -> ViewNumbers:
+    """A rendered picture against a photo of its size; both are PNG, the photo with its mask.
+
+    Args:
+        rendered: What a method made; its coverage is not looked at.
+        photo: The true picture, whose coverage of at least one half is the subject.
+        recipes: Names with commas.
+
+    Raises:
+        DataError: a picture that cannot be read, or another size.
+        HarnessError: no such recipe.
+    """
+    mine, true = load_rgba(rendered), load_rgba(photo)
+    colours = [each[..., :3] / 255.0 for each in (mine, true)]
+    numbers, lacking = {}, {}
+    for name in recipes.split(","):
+        if name not in VIEW_RECIPES:
+            raise HarnessError(f"no recipe '{name}' for pictures", expected=", ".join(VIEW_RECIPES))
+        try:
+            perceptual = perceptual_distance(VIEW_RECIPES[name].lpips)
+        except MissingPart as error:
+            perceptual, lacking[name] = None, str(error)
+        mask = true[..., 3] >= _HALF
+        numbers[name] = view_numbers(*colours, mask, VIEW_RECIPES[name], perceptual)
+    return ViewNumbers(numbers, lacking)
+
+
+#: Coverage from which a pixel is the subject's.
+_HALF = 128
 
 
 def _mesh(given: Mesh | str | Path) -> Mesh:

@@ -190,6 +190,10 @@ class Source:
         """What turns the scans' units into metres, as written in the manifest."""
         return self.manifest.datasets[self.name].scale
 
+    def identity_of(self, subject: str) -> str:
+        """Which person a subject is; empty where the manifest does not say."""
+        return self.manifest.datasets[self.name].identity.get(subject, "")
+
     @property
     def _scan_noise_mm(self) -> float:
         return self.manifest.datasets[self.name].scan_noise_mm

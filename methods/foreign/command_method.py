@@ -156,6 +156,7 @@ class CommandMethod:
                 Part("environment", environment.text, "of its packages", environment.sha256),
             ),
             privileges=file.privileges,
+            trained_on=file.trained_on,
             parameters={room: dict(own) for room, own in file.settings.items()},
             view_count=file.view_count,
             needs_perspective=file.needs_perspective,

@@ -159,6 +159,7 @@ class MethodFile:
         view_count: As in ``MethodInfo``.
         privileges: What it is given beyond pixels.
         needs_perspective: As in ``MethodInfo``.
+        trained_on: As in ``MethodInfo``.
         deterministic: Whether the seed changes nothing.
         mesh: Name of the mesh file that it writes.
         up: The vertical axis of poses and mesh: ``+y`` (the subject faces +Z) or ``+z`` (it faces
@@ -179,6 +180,7 @@ class MethodFile:
     view_count: int | None = None
     privileges: tuple[Privilege, ...] = ()
     needs_perspective: str = ""
+    trained_on: tuple[str, ...] = ()
     deterministic: bool = False
     mesh: str = "mesh.ply"
     up: str = "+y"

@@ -228,6 +228,7 @@ def _group(name: str, records: Mapping[str, Record], subjects: Sequence[str]) ->
     notes = (
         f"Given: {given}" if given else "",
         _parts_note(method),
+        _seen_note(method, ok),
         _SCAN_UNITS_ROW if ok and ok[0].length_unit != "metre" else "",
         "Meshes made elsewhere" if ok and not all(record.recipe for record in ok) else "",
         *_absence_notes(records, subjects),
@@ -265,6 +266,26 @@ def check_one_method(ok: Sequence[Record]) -> None:
 def _parts_note(method: MethodInfo) -> str:
     described = (f"{part.role} {part.name} ({part.licence})" for part in method.parts)
     return f"Parts: {', '.join(described)}" if method.parts else ""
+
+
+def _seen_note(method: MethodInfo, ok: Sequence[Record]) -> str:
+    """On how many subjects the person was there in training, of a method that says on whom."""
+    if not method.trained_on:
+        return ""
+    seen = [
+        record.subject
+        for record in ok
+        if not {
+            record.dataset,
+            f"{record.dataset}/{record.subject}",
+            record.identity or None,
+        }.isdisjoint(method.trained_on)
+    ]
+    who = f" ({_subjects_text(seen)})" if seen else ""
+    return (
+        f"Trained on {', '.join(method.trained_on)}: {len(seen)} of {len(ok)} subjects were seen "
+        f"in training{who}"
+    )
 
 
 def _absence_notes(records: Mapping[str, Record], subjects: Sequence[str]) -> list[str]:
