@@ -27,8 +27,8 @@ from harness.core.settings import MetricProtocol
 from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.run.external_meshes import FolderRequest, score_folder
+from harness.run.pair import PairScores, score_views
 from harness.run.pair import score as score_meshes
-from harness.run.pair import score_views
 from harness.run.protocol_scores import score_protocols
 from harness.run.sealed import Look, admit
 from harness.run.sources import ScanSet
@@ -105,16 +105,13 @@ def score(
             "--run": run != "main",
         }  # fmt: skip
         _check_pair(predicted, gt, points, of_folders)
+        kept = points is not None
         if gt.suffix == ".png":
             views = score_views(predicted, gt, protocol)
-            return print_json(to_json(views)) if as_json else print(views)
-        kept = points is not None
-        found = score_meshes(predicted, gt, protocol, keep_points=kept, manifest=manifest)
-        if points is not None:
-            _write_points(points, found.single)
-        print_json(found.to_dict()) if as_json else print(found)
-        if found.failed:
-            raise typer.Exit(1)
+            print_json(to_json(views)) if as_json else print(views)
+        else:
+            found = score_meshes(predicted, gt, protocol, keep_points=kept, manifest=manifest)
+            _show_pair(found, points, as_json=as_json)
     elif dataset and gt is None:
         _check_folder(name, points)
         checked = load_manifest(manifest)
@@ -133,6 +130,14 @@ def score(
             got="both" if gt is not None else "neither",
             hint="Give --gt TRUTH for one mesh, or --dataset NAME --name METHOD for a folder",
         )
+
+
+def _show_pair(found: PairScores, points: Path | None, *, as_json: bool) -> None:
+    if points is not None:
+        _write_points(points, found.single)
+    print_json(found.to_dict()) if as_json else print(found)
+    if found.failed:
+        raise typer.Exit(1)
 
 
 def _check_folder(name: str, points: Path | None) -> None:

@@ -176,7 +176,7 @@ def score_views(rendered: Path, photo: Path, recipes: str) -> ViewNumbers:
         HarnessError: no such recipe.
     """
     mine, true = load_rgba(rendered), load_rgba(photo)
-    colours = [each[..., :3] / 255.0 for each in (mine, true)]
+    picture, shown = (each[..., :3] / 255.0 for each in (mine, true))
     numbers, lacking = {}, {}
     for name in recipes.split(","):
         if name not in VIEW_RECIPES:
@@ -186,7 +186,7 @@ def score_views(rendered: Path, photo: Path, recipes: str) -> ViewNumbers:
         except MissingPart as error:
             perceptual, lacking[name] = None, str(error)
         mask = true[..., 3] >= _HALF
-        numbers[name] = view_numbers(*colours, mask, VIEW_RECIPES[name], perceptual)
+        numbers[name] = view_numbers(picture, shown, mask, VIEW_RECIPES[name], perceptual)
     return ViewNumbers(numbers, lacking)
 
 
