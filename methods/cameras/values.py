@@ -150,14 +150,14 @@ class EstimatedCameras:
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values of everything but the cameras, for a capture's provenance."""
         return {
-            "focal_px": [round(px, 2) for px in self.focal_px],
+            "focal_px": [_number(px, 2) for px in self.focal_px],
             "focal_relative_sd": round(self.focal_relative_sd, 5),
             "covariances": [None if c is None else c.tolist() for c in self.covariances],
             "stages": [
                 {
                     "name": stage.name,
                     "time_s": round(stage.seconds, 2),
-                    "residuals": {name: round(v, 4) for name, v in stage.residuals.items()},
+                    "residuals": {name: _number(v, 4) for name, v in stage.residuals.items()},
                     "gain": round(stage.gain, 4),
                 }
                 for stage in self.stages
@@ -165,15 +165,18 @@ class EstimatedCameras:
             "photos": [
                 {
                     "name": photo.name,
-                    "outline_px": round(photo.outline_px, 3),
+                    "outline_px": _number(photo.outline_px, 3),
                     "matches": photo.matches,
-                    "match_px": None if np.isnan(photo.match_px) else round(photo.match_px, 3),
+                    "match_px": _number(photo.match_px, 3),
                     **({"left_out": photo.left_out} if photo.left_out else {}),
                 }
                 for photo in self.photos
             ],
-            "contradiction_mm": None
-            if np.isnan(self.contradiction_mm)
-            else round(self.contradiction_mm, 3),
+            "contradiction_mm": _number(self.contradiction_mm, 3),
             "gauge": self.gauge,
         }
+
+
+def _number(value: float, digits: int) -> float | None:
+    """Rounded for JSON, which has no NaN."""
+    return None if np.isnan(value) else round(value, digits)

@@ -43,7 +43,9 @@ def found(cameras: list[Camera], leave: int = -1) -> EstimatedCameras:
         focal_relative_sd=0.0,
         stages=(),
         photos=tuple(
-            PhotoReport(f"photo {k}", 0.1, 20, 0.2, "it fits no other" if k == leave else "")
+            PhotoReport(f"photo {k}", np.nan, 0, np.nan, "it fits no other")
+            if k == leave
+            else PhotoReport(f"photo {k}", 0.1, 20, 0.2)
             for k in range(len(cameras))
         ),
         contradiction_mm=0.3,

@@ -47,7 +47,9 @@ class Estimator:
             focal_relative_sd=0.0,
             stages=(),
             photos=tuple(
-                PhotoReport(photo.name, 0.1, 9, 0.2, "it moved" if k == self.leave else "")
+                PhotoReport(photo.name, np.nan, 0, np.nan, "it moved")
+                if k == self.leave
+                else PhotoReport(photo.name, 0.1, 9, 0.2)
                 for k, photo in enumerate(photos)
             ),
             contradiction_mm=0.3,
