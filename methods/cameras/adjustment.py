@@ -116,6 +116,18 @@ class Rig:
         rotations[view], shifts[view] = rotation, shift
         return replace(self, rotations=rotations, shifts=shifts)
 
+    def with_views(self, views: Sequence[int], other: Rig) -> Rig:
+        """The rig with some cameras as another rig of only these has them, and its points."""
+        rotations, shifts = self.rotations.copy(), self.shifts.copy()
+        rotations[list(views)], shifts[list(views)] = other.rotations, other.shifts
+        return replace(
+            self,
+            rotations=rotations,
+            shifts=shifts,
+            points=other.points,
+            log_factor=other.log_factor,
+        )
+
     def depths(self, point: Floats) -> Floats:
         """(C,) of a world point (3,) along each optical axis, metres."""
         return self.rotations[:, 2] @ point + self.shifts[:, 2]

@@ -15,7 +15,7 @@ from methods.cameras.search import Silhouettes, upright
 from methods.cameras.values import GAUGE, EstimatedCameras, PhotoReport, PhotoView, StageReport
 
 #: Views that leave more than this unseen cannot be trusted; photos further apart are not matched.
-_MOST_GAP_DEG, _MATCHED_DEG = 85.0, 65.0
+_MOST_GAP_DEG, _MATCHED_DEG = 100.0, 65.0
 #: Where a pair of photos has this many matches, clothes have features enough.
 _PLENTY = 4 * LEAST_MATCHES
 #: Matches that were held out lie this far from their epipolar lines at most, in the median, metres
@@ -25,8 +25,12 @@ _MOST_OFF_M, _MOST_APART_M = 0.0012, 0.003
 _GAUGE = 7
 
 
-def check_round(rig: Rig) -> tuple[str, ...]:
+def check_round(rig: Rig, left_out: Sequence[str] = ()) -> tuple[str, ...]:
     """Warnings of views that have no neighbour to be matched with.
+
+    Args:
+        rig: The views.
+        left_out: What a refusal says of photos that are not among them.
 
     Raises:
         MethodError: the views leave a side of the person unseen.
@@ -42,7 +46,7 @@ def check_round(rig: Rig) -> tuple[str, ...]:
         raise MethodError(
             "the photos do not go round the person",
             expected=f"no gap of more than {_MOST_GAP_DEG:.0f} degrees",
-            got=f"{gap_deg:.0f} degrees that no photo shows",
+            got="; ".join((f"{gap_deg:.0f} degrees that no photo shows", *left_out)),
             hint="Take photos from all sides, about 45 degrees apart",
         )
     if gap_deg > _MATCHED_DEG:

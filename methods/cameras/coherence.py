@@ -222,7 +222,8 @@ class OutlineRows:
         rays = (self.pixels - rig.middle[self.views]) / rig.focal[self.views]
         rays = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
         parts = on_all_cores(lambda view: self._held_of(rig, rays, view), range(len(rig)))
-        at, near, far = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        at = np.concatenate([part[0] for part in parts])
+        near, far = (np.concatenate([part[1][k] for part in parts]) for k in range(2))
         inside = rays * at[:, None]
         turns, shifts = rig.rotations[self.views], rig.shifts[self.views]
         places = np.einsum("mji,mj->mi", turns, inside - shifts)
@@ -239,7 +240,7 @@ class OutlineRows:
         value = share * distances[0] + (1.0 - share) * distances[1]
         return Held(value, near, far, share, inside, places)
 
-    def _held_of(self, rig: Rig, rays: Floats, view: int) -> tuple[Floats, Ints, Ints]:
+    def _held_of(self, rig: Rig, rays: Floats, view: int) -> tuple[Floats, list[Ints]]:
         """Depths (K,) of one view's rays, and the two other views that hold them there."""
         mine = np.flatnonzero(self.views == view)
         others = np.array([other for other in range(len(rig)) if other != view])
@@ -254,8 +255,8 @@ class OutlineRows:
             value = self._along(rig, rays[mine], view, others, depth)
             best = np.clip(value.min(axis=0).argmax(axis=1), 1, len(steps) - 2)
             low, high = depth[rows, best - 1], depth[rows, best + 1]
-        near, far = (others[value[:, rows, best + k].argmin(axis=0)] for k in (-1, 1))
-        return depth[rows, best], near, far
+        held = [others[value[:, rows, best + k].argmin(axis=0)] for k in (-1, 1)]
+        return depth[rows, best], held
 
     def _along(self, rig: Rig, rays: Floats, view: int, others: Ints, depth: Floats) -> Floats:
         """(O, K, S) distances to other outlines at depths (K, S) along rays (K, 3)."""

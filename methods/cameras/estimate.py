@@ -29,7 +29,7 @@ from methods.cameras.matches import (
     find_matches,
     met,
 )
-from methods.cameras.search import Silhouettes, coherent, settled, shaken, upright
+from methods.cameras.search import Silhouettes, brought_back, coherent, settled, shaken, upright
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView, StageReport
 from methods.closed.lattices import contoured, evened, hull_field, hull_lattice
 
@@ -41,14 +41,15 @@ _COARSE_M, _FINE_M, _FINE_RAYS = 0.004, 0.002, 200
 #: Rays are followed so far before and behind the person's middle, in heights.
 _REACH = 0.5
 _HULL_STEP_M = 0.008
+#: So far above a hull's lowest point feet are as wide as their soles.
+_SOLE_M = 0.03
 #: Outlines that miss by more than this, root mean square, contradict each other, metres: wrong
 #: minima miss by 4 mm, right ones by 0.2 to 0.8.
 _COHERENT_M = 0.002
-_STARTS = 4
+_STARTS = 2
 #: The first search for matches, and later ones with cameras that are nearly right.
 _SEARCHES = (
     MatchSearch(0.03, 0.0015, 4, 0.0022),
-    MatchSearch(0.03, 0.0015, 2, 0.0011),
     MatchSearch(0.03, 0.0015, 2, 0.0011),
 )
 #: Given cameras stay where photos would move by less, or two pairs contradict each other by no less
@@ -56,8 +57,8 @@ _SEARCHES = (
 #: places. Outlines correct them first where they miss by more than ``_CALM_M``, trusted to these.
 _LEAST_PX, _LEAST_GAIN, _PLACES_ASKED = 0.15, 0.9, 2000
 _CALM_M, _REFINED_M = 0.0004, (0.008, 0.0028, 0.001)
-#: A later search that takes less than this share of the cost away is the last.
-_REST_GAIN = 0.1
+#: A later search that takes less than this share of the cost away is the last; so many at most.
+_REST_GAIN, _MOST_PASSES = 0.1, 3
 #: Beside matches outlines are trusted to so many times what is left in them, metres.
 _LEFT_SHARE, _LEAST_LEFT_M = 12.0, 0.0005
 
@@ -90,7 +91,7 @@ def estimate_cameras(
     steps.done("landmarks", {"photos": float(len(group.photos))}, 0.0)
     rig, given = _by_landmarks(group, height_m)
     group, rig, given = _by_outlines(group, rig, given, np.random.default_rng(seed))
-    warnings = check_round(rig)
+    warnings = check_round(rig, group.reasons)
     rig, given = _finer(group, rig, given, height_m)
     steps.done("outlines", {"missed_mm": 1e3 * given.misses_m(rig)[0]}, 0.0)
 
@@ -135,6 +136,11 @@ class _Group:
     left_out: dict[int, str]
     names: tuple[str, ...]
 
+    @property
+    def reasons(self) -> list[str]:
+        """Name and reason of each photo that was left out."""
+        return [f"{self.names[number]}: {why}" for number, why in self.left_out.items()]
+
     def without(self, view: int, why: str) -> _Group:
         """The group without one of its photos."""
         keep = _others(len(self.photos), view)
@@ -143,7 +149,7 @@ class _Group:
             raise MethodError(
                 "too few photos are left to find cameras",
                 expected=f"at least {LEAST_PHOTOS} photos of one still person",
-                got="; ".join(f"{self.names[n]}: {reason}" for n, reason in left_out.items()),
+                got="; ".join(replace(self, left_out=left_out).reasons),
                 hint="Take more photos, all around the person",
             )
         return replace(
@@ -168,7 +174,7 @@ class _Steps:
         now = time.perf_counter()
         self.stages.append(StageReport(name, now - self._since, residuals, gain))
         self._since = now
-        self._report(len(self.stages), 2 + len(_SEARCHES))
+        self._report(len(self.stages), 2 + _MOST_PASSES)
 
 
 def _group(photos: Sequence[PhotoView], focal: Focal, landmarks: Detections | None) -> _Group:
@@ -231,35 +237,49 @@ def _by_outlines(
         MethodError: the outlines contradict each other whatever is left out.
     """
     while True:
-        best: tuple[float, Rig, Silhouettes] | None = None
-        for start in range(_STARTS):
-            begun = shaken(rig, rng) if start else rig
-            found, held = coherent(begun, given)
-            found = settled(found, held)
-            missed, _ = held.misses_m(found)
-            if best is None or missed < best[0]:
-                best = missed, found, held
+        best = _begun(rig, given)
+        if best[0] < _COHERENT_M:
+            return group, *best[1:]
+        # One view in the wrong place, or of something else, spoils the others'.
+        _, found, held = best
+        worst = _worst(found, held)
+        if len(rig) > LEAST_PHOTOS:
+            keep = _others(len(rig), worst)
+            missed, rest, held = _begun(rig.at(keep), given.at(keep))
+            if missed < _COHERENT_M:
+                whole, again = brought_back(rig.with_views(keep, rest), given, worst)
+                missed, each = again.misses_m(whole)
+                if missed < _COHERENT_M:
+                    return group, whole, again
+                return group.without(worst, _off(each[worst])), rest, held
+        for _ in range(_STARTS):
+            tried = _begun(shaken(rig, rng), given)
+            best = min(best, tried, key=lambda each: each[0])
             if best[0] < _COHERENT_M:
-                return group, best[1], best[2]
-        assert best is not None
-        group, rig, given = _without_worst(group, *best)
+                return group, *best[1:]
+        missed, found, held = best
+        each = held.misses_m(found)[1]
+        if len(group.left_out) >= len(group.names) // 4:
+            raise _contradiction(missed, each, [photo.name for photo in group.photos])
+        worst = _worst(found, held)
+        group, rig, given = _without(group, (found, held), worst, _off(each[worst]))
 
 
-def _without_worst(
-    group: _Group, missed: float, rig: Rig, given: Silhouettes
-) -> tuple[_Group, Rig, Silhouettes]:
-    """The photos without the one that contradicts the others most.
+def _begun(rig: Rig, given: Silhouettes) -> tuple[float, Rig, Silhouettes]:
+    """By how much rays miss, metres, where the outlines lead from these cameras; and there."""
+    found, held = coherent(rig, given)
+    found = settled(found, held)
+    return held.misses_m(found)[0], found, held
 
-    Raises:
-        MethodError: a quarter was left out, or it does not help.
-    """
-    _, each = given.misses_m(rig)
-    if len(group.left_out) >= len(group.names) // 4:
-        raise _contradiction(missed, each, [photo.name for photo in group.photos])
+
+def _worst(rig: Rig, given: Silhouettes) -> int:
+    """The view without which the others miss least."""
     keeps = [_others(len(rig), view) for view in range(len(rig))]
-    worst = int(np.argmin([given.at(keep).misses_m(rig.at(keep))[0] for keep in keeps]))
-    why = f"its outline contradicts the others' by {1e3 * each[worst]:.0f} mm"
-    return _without(group, (rig, given), worst, why)
+    return int(np.argmin([given.at(keep).misses_m(rig.at(keep))[0] for keep in keeps]))
+
+
+def _off(missed_m: float) -> str:
+    return f"its outline contradicts the others' by {1e3 * missed_m:.0f} mm"
 
 
 def _without(
@@ -290,11 +310,7 @@ def _finer(group: _Group, rig: Rig, given: Silhouettes, height_m: float) -> tupl
     """Coherent cameras in metres, upright, and finer outlines."""
     rig, _ = _in_world(rig, given, height_m, 0.012)
     fine = replace(given, maps=_maps(group, rig, _FINE_M))
-    blocks = [
-        fine.rays(rig, 0.001, _FINE_RAYS),
-        LandmarkRows(given.told, landmark_spans(rig), 0.06, space_weight=0.02),
-    ]
-    return solved(rig, blocks, 8).rig, fine
+    return solved(rig, fine.blocks(rig, 0.001, 0.06, _FINE_RAYS), 8).rig, fine
 
 
 def _in_world(rig: Rig, given: Silhouettes, height_m: float, step_m: float) -> tuple[Rig, Mesh]:
@@ -305,18 +321,30 @@ def _in_world(rig: Rig, given: Silhouettes, height_m: float, step_m: float) -> t
     front /= np.linalg.norm(front)
     axes = np.stack([np.cross(up, front), up, front])
     rig = rig.in_frame(axes, rig.points.mean(axis=0))
-    mesh = _hull(rig, given, step_m)
+    mesh, floor = _hull(rig, given, step_m)
     low, high = mesh.bounds
+    low[1] = floor
     scale = height_m / float(high[1] - low[1])
     rig = rig.in_frame(np.eye(3), (low + high) / 2).resized(scale)
     return rig, replace(mesh, vertices=(mesh.vertices - (low + high) / 2) * scale)
 
 
-def _hull(rig: Rig, given: Silhouettes, step_m: float) -> Mesh:
+def _hull(rig: Rig, given: Silhouettes, step_m: float) -> tuple[Mesh, float]:
+    """The hull of the outlines, and the height at which it stands on the ground if +Y is up."""
     cameras = rig.cameras([(2, 2)] * len(rig))
     outlines = [each.outline(c) for each, c in zip(given.maps, cameras, strict=True)]
     lattice = hull_lattice(outlines, step_m)
-    return evened(contoured(lattice, hull_field(outlines, lattice), "visual hull"))
+    depth = hull_field(outlines, lattice)
+    # Below the soles, which no photo shows, a hull goes on for 5 to 8 mm and tapers: the ground is
+    # where half of the section a little higher is reached. Two avatars' are found to 2 mm.
+    sections = np.clip(depth / step_m + 0.5, 0.0, 1.0).sum(axis=(0, 2))
+    first = int(np.argmax(sections > 0))
+    half = sections[first + int(np.ceil(_SOLE_M / step_m))] / 2
+    layer = first + int(np.argmax(sections[first:] >= half))
+    below = sections[layer - 1]
+    part = (half - below) / max(float(sections[layer] - below), 1e-9)
+    floor = float(lattice.axis(1)[layer] - (1.0 - part) * step_m)
+    return evened(contoured(lattice, depth, "visual hull")), floor
 
 
 _Placed = Callable[[Rig, Silhouettes], tuple[Rig, Mesh]]
@@ -327,8 +355,10 @@ def _by_photos(
 ) -> tuple[Solved, Matches]:
     """The cameras that matches of photos and outlines tell together."""
     placed, steps = how
-    for number, search in enumerate(_SEARCHES):
+    number = 0
+    while True:
         rig, mesh = placed(rig, given)
+        search = _SEARCHES[min(number, 1)]
         matches = find_matches(mesh, rig, photos, search)
         left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
         blocks = [given.rays(rig, left_m, _FINE_RAYS), MatchRows(matches.of(~matches.held_out))]
@@ -342,10 +372,10 @@ def _by_photos(
             "missed_mm": 1e3 * given.misses_m(rig)[0],
             "outlines_trusted_mm": 1e3 * left_m,
         }
-        steps.done(f"photos {number + 1}", residuals, found.gain)
-        if number and found.gain < _REST_GAIN:
-            break
-    return found, matches
+        number += 1
+        steps.done(f"photos {number}", residuals, found.gain)
+        if number == _MOST_PASSES or (number > 1 and found.gain < _REST_GAIN):
+            return found, matches
 
 
 def refine_cameras(
@@ -383,11 +413,11 @@ def refine_cameras(
     steps.done("outlines", {"missed_mm": 1e3 * missed}, 0.0)
 
     def placed(rig: Rig, given: Silhouettes) -> tuple[Rig, Mesh]:
-        return rig, _hull(rig, given, _HULL_STEP_M)
+        return rig, _hull(rig, given, _HULL_STEP_M)[0]
 
     found, matches = _by_photos(photos, rig, given, (placed, steps))
     warnings = check_matches(found.rig, matches)
-    kept, note = _kept(cameras, found, matches, placed(found.rig, given)[1].vertices)
+    kept, note = _kept(cameras, found.rig, matches, placed(found.rig, given)[1].vertices)
     return answer(
         (photos, np.arange(len(photos))),
         ([photo.name for photo in photos], {}),

@@ -132,6 +132,7 @@ def _procrustes(found: Detections) -> tuple[Floats, Mask, Floats]:
     ways = [found, found.mirrored(every)]
     for first in np.argsort(-found.confidence.mean(axis=1), kind="stable")[:_STARTS]:
         shape = found.points_camera[first]
+        chosen, swapped = [_fitted(shape, found, view) for view in range(len(every))], ~every
         for _ in range(_ROUNDS):
             fits = [[_fitted(shape, way, view) for view in range(len(every))] for way in ways]
             losses = np.array([[fit[0] for fit in row] for row in fits])
@@ -174,12 +175,11 @@ def _placed(turned: Floats, rays: Floats, trust: Floats) -> Floats:
     rows[:, :, 2] = -rays.T
     wanted = rays.T * turned[:, 2] - turned[:, :2].T
     weights = np.tile(np.sqrt(trust + 1e-6), 2)
-    shift = np.zeros(3)
-    base = weights
+    shift, base = np.zeros(3), weights
     for _ in range(5):
-        shift = np.linalg.lstsq(
-            rows.reshape(-1, 3) * weights[:, None], wanted.ravel() * weights, rcond=None
-        )[0]
+        weighted = rows.reshape(-1, 3) * weights[:, None]
+        answer: Floats = np.linalg.lstsq(weighted, wanted.ravel() * weights, rcond=None)[0]
+        shift = answer.astype(np.float64)
         off = (rows @ shift - wanted).ravel() / max(float(shift[2]), 0.5)
         weights = base / np.sqrt(1.0 + (off / 0.01) ** 2)
     return shift

@@ -155,11 +155,16 @@ def find_matches(mesh: Mesh, rig: Rig, shown: Sequence[PhotoView], search: Match
             ray * rig.focal[view] + rig.middle[view] for ray, view in zip(rays, pair, strict=True)
         ]
         names = np.tile(np.array(pair), (len(sure), 1))
-        return Matches(names, *pixels, rows[sure], normals[rows[sure]])
+        return Matches(names, pixels[0], pixels[1], rows[sure], normals[rows[sure]])
 
     parts = [_NONE, *on_all_cores(ask, range(len(found)))]
-    fields = ("views", "first", "second", "place", "normals")
-    return Matches(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+    return Matches(
+        np.concatenate([part.views for part in parts]),
+        np.concatenate([part.first for part in parts]),
+        np.concatenate([part.second for part in parts]),
+        np.concatenate([part.place for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+    )
 
 
 _NONE = Matches(

@@ -61,11 +61,13 @@ class Silhouettes:
         place = rig.points.mean(axis=0), self.reach_m
         return OutlineRows.of(self.maps, number, place, sd_m)
 
-    def blocks(self, rig: Rig, sd_m: float, landmark_m: float) -> list[OutlineRows | LandmarkRows]:
+    def blocks(
+        self, rig: Rig, sd_m: float, landmark_m: float, number: int = _RAYS
+    ) -> list[OutlineRows | LandmarkRows]:
         """Both as rows."""
         assert self.told is not None
         marks = LandmarkRows(self.told, landmark_spans(rig), landmark_m, space_weight=0.1)
-        return [self.rays(rig, sd_m), marks]
+        return [self.rays(rig, sd_m, number), marks]
 
     def misses_m(self, rig: Rig) -> tuple[float, Floats]:
         """Root mean squares by which rays miss: of all, and (C,) of those a view is part of."""
@@ -99,6 +101,12 @@ def settled(rig: Rig, given: Silhouettes) -> Rig:
     for stage in _FINISH:
         rig = _settled(rig, given, stage)
     return rig
+
+
+def brought_back(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouettes]:
+    """The rig with one view where it fits the others best, wherever it was before."""
+    rig, given = _turned(rig, given, view) or (_refined(rig, given, view).rig, given)
+    return settled(_settled(rig, given, _AFTER), given), given
 
 
 def shaken(rig: Rig, rng: Generator) -> Rig:

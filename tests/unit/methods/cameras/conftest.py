@@ -89,9 +89,8 @@ def photographed(mesh: Mesh, cameras: tuple[Camera, ...]) -> tuple[PhotoView, ..
     return tuple(photos)
 
 
-def marks(cameras: tuple[Camera, ...], seed: int, off_m: float = 0.03) -> Detections:
-    """Landmarks as a detector gives them: off by centimetres, and turned by some degrees."""
-    rng = np.random.default_rng(seed)
+def landmarks() -> Floats:
+    """(33, 3) of the figure's body, in its world."""
     body = np.zeros((33, 3))
     body[:11] = [0.0, 0.68, 0.08] + 0.03 * np.random.default_rng(1).normal(size=(11, 3))
     body[11:33:2, 0], body[12:33:2, 0] = 0.18, -0.18
@@ -105,6 +104,12 @@ def marks(cameras: tuple[Camera, ...], seed: int, off_m: float = 0.03) -> Detect
         [-0.32, 0.34, 0.09], [-0.45, 0.22, 0.18], [-0.42, 0.15, 0.28], [-0.4, 0.12, 0.32],
         [-0.41, 0.16, 0.3],
     ]  # fmt: skip
+    return body
+
+
+def marks(cameras: tuple[Camera, ...], seed: int, off_m: float = 0.03) -> Detections:
+    """Landmarks as a detector gives them: off by centimetres, and turned by some degrees."""
+    rng, body = np.random.default_rng(seed), landmarks()
     pixels, points = [], []
     for camera in cameras:
         seen = body + rng.normal(0, off_m, body.shape)

@@ -1,0 +1,148 @@
+"""What landmarks and outlines do alone, and what is refused or left out by them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from harness.core.errors import DataError, MethodError
+from harness.core.rigs import RingRig
+from methods.body.photos.detection import Detections
+from methods.cameras import estimate, search
+from methods.cameras.adjustment import Rig, solved
+from methods.cameras.answer import check_matches, check_round, spreads, unmatched
+from methods.cameras.landmarks import LandmarkRows, first_rig, landmark_spans
+from methods.cameras.matches import Matches, MatchRows
+from methods.cameras.values import Focal, PhotoView
+from tests.unit.methods.cameras.conftest import Taken, errors_deg, landmarks, turned
+from tests.unit.methods.cameras.test_derivatives import exact_matches
+
+
+def sizes(taken: Taken) -> list[tuple[int, int]]:
+    return [photo.size for photo in taken.photos]
+
+
+def given_focal(taken: Taken) -> Focal:
+    return Focal(tuple(float(camera.K[0, 0]) for camera in taken.cameras))
+
+
+def test_landmarks_alone_are_degrees_off(taken):
+    rig, told = first_rig(Rig.of(taken.cameras), taken.marks)
+    found = solved(rig, [LandmarkRows(told, landmark_spans(rig), 0.015)], 40).rig
+    assert errors_deg(found.cameras(sizes(taken)), taken.cameras).max() < 8.0
+
+
+@pytest.mark.slow
+def test_left_and_right_are_exchanged_where_they_were(taken):
+    """Where landmarks in space hardly tell front from back, outlines do."""
+    wrong = np.arange(8) == 2
+    group = estimate._group(taken.photos, given_focal(taken), taken.marks.mirrored(wrong))
+    known = tuple(taken.cameras[number] for number in group.numbers)
+    missed, found, _ = estimate._begun(*estimate._by_landmarks(group, taken.height_m))
+    assert missed < 0.0006
+    assert errors_deg(found.cameras(sizes(taken)), known).max() < 1.0
+
+
+@pytest.mark.slow
+def test_a_view_planted_25_degrees_off_is_found(taken):
+    """Coherence tells that it is wrong, and the search over views brings it back."""
+    group = estimate._group(taken.photos, given_focal(taken), taken.marks)
+    known = tuple(taken.cameras[number] for number in group.numbers)
+    _, given = estimate._by_landmarks(group, taken.height_m)
+    good = replace(Rig.of(known), points=landmarks())
+    planted = search._led_round(good, 3, 25.0)
+    assert given.misses_m(planted)[0] > 5 * given.misses_m(good)[0]
+    missed, found, _ = estimate._begun(planted, given)
+    assert missed < 0.0006
+    assert errors_deg(found.cameras(sizes(taken)), known).max() < 1.0
+
+
+def test_one_side_is_refused_and_gaps_are_told():
+    ring = Rig.of(RingRig(views=8).cameras(100, 100))
+    ring = replace(ring, points=landmarks())
+    five = Rig.of(RingRig(views=5).cameras(100, 100))
+    assert check_round(ring) == ()
+    assert "cannot be matched" in check_round(replace(five, points=landmarks()))[0]
+    with pytest.raises(MethodError, match="do not go round the person.*22. degrees"):
+        check_round(ring.at([0, 1, 2, 7]))
+
+
+def test_a_photo_like_none_of_its_neighbours_is_named(taken):
+    told = exact_matches(taken, 1200)
+    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
+    assert unmatched(rig, told) is None
+    silent = told.of(~(told.views == 5).any(axis=1))
+    assert unmatched(rig, silent) == 5
+    few = told.of(np.arange(len(told)) < 40)
+    assert unmatched(rig, few) is None
+    assert "plain clothes" in check_matches(rig, few)[0]
+
+
+def test_matches_that_contradict_the_cameras_are_refused(taken):
+    told = exact_matches(taken, 1200)
+    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
+    assert not any("plain" in text for text in check_matches(rig, told))
+    wrong = replace(Rig.of(turned(taken.cameras, 2.0, 3)), points=np.zeros((33, 3)))
+    with pytest.raises(MethodError, match="the person moved"):
+        check_matches(wrong, told)
+
+
+def test_covariances_tell_what_is_left(taken):
+    """Noise of a third of a pixel: errors are as large as the covariances say."""
+    told = exact_matches(taken, 1200)
+    rng = np.random.default_rng(0)
+    noisy = Matches(
+        told.views,
+        told.first + rng.normal(0, 0.2, told.first.shape),
+        told.second + rng.normal(0, 0.2, told.second.shape),
+        told.place,
+        told.normals,
+    )
+    known = Rig.of(taken.cameras)
+    found = solved(known, [MatchRows(noisy)], 20)
+    own, factor_sd = spreads(found)
+    off = errors_deg(found.rig.cameras(sizes(taken)), taken.cameras)
+    sd = np.degrees(np.sqrt(np.trace(own[:, :3, :3], axis1=1, axis2=2)))
+    assert factor_sd == 0.0
+    assert 0.1 < np.median(off / sd) < 1.5
+
+
+def test_too_few_photos_and_nobody_in_them(taken):
+    focal = given_focal(taken)
+    with pytest.raises(MethodError, match="expected 5 to 64; got 4"):
+        estimate.estimate_cameras(
+            taken.photos[:4],
+            focal=Focal(focal.px[:4]),
+            height_m=1.7,
+            landmarks=taken.marks.at(range(4)),
+        )
+    nobody = Detections(
+        taken.marks.pixels,
+        taken.marks.points_camera,
+        np.where(np.arange(8)[:, None] < 4, 0.0, taken.marks.confidence),
+        taken.marks.hands,
+    )
+    with pytest.raises(MethodError, match="3.png: no person was detected"):
+        estimate.estimate_cameras(taken.photos, focal=focal, height_m=1.7, landmarks=nobody)
+
+
+def test_the_order_of_photos_plays_no_role(taken):
+    order = [3, 0, 7, 5, 1, 2, 6, 4]
+    focal = given_focal(taken)
+    one = estimate._group(taken.photos, focal, taken.marks)
+    other = estimate._group(
+        [taken.photos[n] for n in order],
+        Focal(tuple(focal.px[n] for n in order)),
+        taken.marks.at(order),
+    )
+    assert [photo.name for photo in one.photos] == [photo.name for photo in other.photos]
+    assert np.array_equal(one.told.pixels, other.told.pixels)
+
+
+def test_values_are_checked():
+    with pytest.raises(DataError, match="is not a photo with a mask"):
+        PhotoView("a.png", np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(DataError, match="focal lengths are not usable"):
+        Focal((100.0, -1.0))
