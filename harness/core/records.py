@@ -475,7 +475,8 @@ class Record:
                 hint="Run the evaluation again to replace it",
             )
         if isinstance(method := document.get("method"), dict):
-            document = {"identity": "", **document, "method": {"trained_on": [], **method}}
+            later = {"trained_on": [], "needs_perspective": ""}
+            document = {"identity": "", **document, "method": {**later, **method}}
         record = from_json(cls, document, source, "a record")
         for fault in _out_of_range(record, document):
             raise DataError(f"{source} is not a record", got=fault)

@@ -44,3 +44,7 @@ def test_a_record_holds_both_and_one_without_them_stays_as_it_was(tmp_path):
         record.save(place / "record.json")
         assert Record.load(place / "record.json", *place.parts[-2:]) == record
     assert "identity" not in plain.to_dict()
+    # One that was written before a method could say why it needs perspective.
+    document = plain.to_dict()
+    del document["method"]["needs_perspective"]
+    assert Record.from_document(document, "a record") == plain
