@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import HarnessError
-from harness.core.process.threads import StepReport
 from harness.core.process.workers import run_worker
 from harness.core.typed_json import from_json
 from harness.data.camera_files import read_cameras
@@ -127,24 +126,31 @@ def import_capture(
         count = len(read_cameras(Path(request.cameras), Path(request.photos)).views)
     else:
         count = len(find_photos(photo_folder(Path(request.photos))))
-    progress.expect(_PHOTOS, count)
-    report = _photos_then_cameras(progress, count)
-    answer = run_worker(_WORKER, request, progress=report, timeout_s=timeout_s)
+    steps = _Steps(progress, count)
+    answer = run_worker(_WORKER, request, progress=steps, timeout_s=timeout_s)
+    steps.end()
     return from_json(Imported, answer, "the worker's answer", "an import")
 
 
-def _photos_then_cameras(progress: Progress, photos: int) -> StepReport:
+class _Steps:
     """The worker's steps: one for each photo, and those beyond towards cameras."""
-    of_photos, of_cameras = counted(progress, _PHOTOS), counted(progress, _CAMERAS)
-    expected = photos
 
-    def steps(done: int, total: int) -> None:
-        nonlocal expected
-        of_photos(min(done, photos), photos)
-        if total > expected:
-            progress.expect(_CAMERAS, total - photos)
-            expected = total
-        if done > photos:
-            of_cameras(done - photos, total - photos)
+    def __init__(self, progress: Progress, photos: int) -> None:
+        self._progress, self._photos, self._left = progress, photos, 0
+        self._of_photos = counted(progress, _PHOTOS)
+        self._of_cameras = counted(progress, _CAMERAS)
+        progress.expect(_PHOTOS, photos)
 
-    return steps
+    def __call__(self, done: int, total: int) -> None:
+        if done <= self._photos:
+            self._of_photos(done, total)
+            return
+        if not self._left:
+            self._progress.expect(_CAMERAS, total - self._photos)
+        self._of_cameras(done - self._photos, total - self._photos)
+        self._left = total - done
+
+    def end(self) -> None:
+        """Steps that were not needed are done, too."""
+        if self._left:
+            self._progress.done(_CAMERAS, self._left)
