@@ -79,6 +79,17 @@ DropHidden = Annotated[
     ),
 ]
 
+Frame = Annotated[
+    int | None,
+    typer.Option(
+        "--frame",
+        metavar="N",
+        help="Which frame of each sequence of a data set of the field. Default: the first.",
+    ),
+]
+SkipBad = Annotated[
+    bool, typer.Option("--skip-bad", help="Leave out subjects that cannot be used.")
+]
 DatasetName = Annotated[
     str, typer.Argument(metavar="DATASET", help="Dataset or split, as in the manifest.")
 ]
@@ -143,9 +154,8 @@ def add(
     ] = False,
     copy: Copy = False,
     drop_hidden: DropHidden = False,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Leave out subjects that cannot be used.")
-    ] = False,
+    frame: Frame = None,
+    skip_bad: SkipBad = False,
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace an entry that this command wrote.")
     ] = False,
@@ -156,7 +166,8 @@ def add(
     """Add a folder of scans or captures to the manifest, after a check of every subject.
 
     Layouts: a tree as THuman's, mesh files (OBJ, PLY, GLB) side by side or each in a folder, and
-    captures. The exit code is 1 when a subject cannot be used; nothing is added then.
+    captures. Under the name of a data set of the field, such as cape or customhumans, layout, units
+    and splits are known. The exit code is 1 when a subject cannot be used; nothing is added then.
     """
     request = AddRequest(
         name=name,
@@ -174,6 +185,7 @@ def add(
         drop_hidden=drop_hidden,
         replace=replace,
         skip_bad=skip_bad,
+        frame=frame,
     )
     with shown_progress(quiet=as_json) as progress:
         added = add_dataset(request, progress)
@@ -193,6 +205,8 @@ def _print_added(added: Added) -> None:
         )
         for warning in each.warnings:
             print(f"           warning: {warning}")
+    for note in added.notes:
+        print(f"  {note}")
     if not added.written:
         print(f"Nothing was added: {len(added.failed)} of {len(added.subjects)} subjects cannot be "
               "used. Mend them, or leave them out with --skip-bad")  # fmt: skip
@@ -202,7 +216,8 @@ def _print_added(added: Added) -> None:
     new = ", which is new: a copy of the installed manifest" if added.created else ""
     print(f"Added '{added.name}' to {added.manifest}{new}")
     print(f"Next: harness data check {added.name}")
-    print(f"      harness eval --method hull8 --dataset {added.name}")
+    protocol = f" --protocol {added.protocol}" if added.protocol else ""
+    print(f"      harness eval --method hull8 --dataset {added.name}{protocol}")
 
 
 @app.command("show")

@@ -24,10 +24,12 @@ from harness.cli.options import (  # fmt: skip
     Seed,
     Set,
     SlurmOptions,
+    SplitName,
     Subjects,
     Timeout,
     Where,
     WorkspacePath,
+    chosen_source,
     limit_s,
     parsed_settings,
     split_names,
@@ -48,7 +50,7 @@ from harness.run.plan import EvalRequest, plan
 from harness.run.progress import Progress
 from harness.run.protocol_scores import score_protocols
 from harness.run.sealed import announce
-from harness.run.sources import ScanSet, Source
+from harness.run.sources import ScanSet
 from harness.run.store import RunStore
 from harness.run.uncalibrated import camera_suffix
 from harness.run.workspace import Workspace
@@ -110,6 +112,7 @@ def evaluate(
     method: MethodsToRun,
     dataset: Dataset = "avatars",
     subjects: Subjects = "",
+    split: SplitName = "",
     recipe: Recipe = "paper8",
     protocol: Protocol = "mexecon",
     run: NewRun = "main",
@@ -137,17 +140,16 @@ def evaluate(
 ) -> None:
     """Run methods on subjects and score what they make.
 
-    Missing photos are made first. Results that are there and current are kept, so the same command
-    continues a run that was stopped. A result is current until something changes that its numbers
-    depend on: photos, scan, true body and labels, code that is really used, the packages that it
-    imports, settings, protocol or seed; --dry-run says what. A good result is never replaced
-    because of a failure that is not the method's. Ctrl-C stops at once and leaves nothing half
-    done (exit code 130). The exit code is 1 when a subject failed.
+    Missing photos are made first. Results that are current are kept, so the same command continues
+    a stopped run. A result is current until something changes that its numbers depend on: photos,
+    scan, true body and labels, code that is really used, the packages that it imports, settings,
+    protocol or seed; --dry-run says what. A good result is never replaced because of a failure that
+    is not the method's. Ctrl-C leaves nothing half done (exit code 130); 1 means: a subject failed.
     """
     checked, place = load_manifest(manifest), Workspace.default(workspace)
     rules, suffix = checked.protocols_of(protocol), camera_suffix(cameras)
     request = EvalRequest(
-        source=Source.select(checked, place, dataset, split_names(subjects), recipe + suffix),
+        source=chosen_source(checked, place, (dataset, split), subjects, recipe + suffix),
         methods=_methods(place, method, settings, row, parts, suffix),
         protocol=rules[0],
         store=RunStore(place.run(run)),

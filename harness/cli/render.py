@@ -14,17 +14,17 @@ from harness.cli.options import (  # fmt: skip
     RayAddress,
     Recipe,
     SlurmOptions,
+    SplitName,
     Subjects,
     Timeout,
     Where,
     WorkspacePath,
+    chosen_source,
     limit_s,
-    split_names,
 )  # fmt: skip
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
 from harness.run.captures import render_all
-from harness.run.sources import Source
 from harness.run.workspace import Workspace
 
 app = verb_group("render")
@@ -34,6 +34,7 @@ app = verb_group("render")
 def render(
     dataset: Dataset = "avatars",
     subjects: Subjects = "",
+    split: SplitName = "",
     recipe: Recipe = "paper8",
     jobs: Jobs = 1,
     timeout: Timeout = 3600.0,
@@ -51,7 +52,7 @@ def render(
     kept. The exit code is 1 when a subject failed.
     """
     checked, place = load_manifest(manifest), Workspace.default(workspace)
-    source = Source.select(checked, place, dataset, split_names(subjects), recipe)
+    source = chosen_source(checked, place, (dataset, split), subjects, recipe)
     where = Where(executor, cell, ray_address, slurm, timeout)
     elsewhere = where.executor(place, jobs)
     with shown_progress(quiet=as_json) as progress:

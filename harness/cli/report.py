@@ -15,8 +15,10 @@ from harness.cli.options import (
     MethodsToShow,
     Reason,
     Run,
+    SplitName,
     Subjects,
     WorkspacePath,
+    refuse_both,
     split_names,
 )
 from harness.cli.verb_list import verb_group
@@ -81,7 +83,7 @@ def refuse_ignored(given: Collection[str], table: str, figure: str, page: Path |
     elif table in (SEEDS_TABLE, PROTOCOLS_TABLE):
         kind, ignored = f"--table {table}", ("--published", "--paired", "--interval", *_OF_PAGES)
     elif table == PUBLISHED_TABLE:
-        needless = () if "--protocol" in given else ("--run",)
+        needless = () if "--protocol" in given else ("--run", "--split")
         ignored = (*needless, "--reason", "--published", *_OF_PAGES)
         kind = f"--table {table}, which needs no run"
     else:
@@ -245,6 +247,7 @@ def report(
     before: Before = None,
     method: MethodsToShow = "",
     subjects: Subjects = "",
+    split: SplitName = "",
     interval: Interval = False,
     published: Published = False,
     paired: Paired = False,
@@ -264,12 +267,14 @@ def report(
     refuse_with_records(records, run, table, figure, page)
     refuse_with_before(before, figure, page)
     refuse_ignored(given_options(context), table, figure, page)
+    refuse_both(subjects, split)
+    chosen = _of_split(split, place, run, records, manifest) if split else split_names(subjects)
     if page is not None:
         wanted = PageRequest(
             store=RunStore.existing(place, run),
             directory=page.resolve(),
             methods=split_names(method),
-            subjects=split_names(subjects),
+            subjects=chosen,
             surfaces=split_names(surfaces),
             include_licensed=include_licensed,
             reason=reason,
@@ -278,19 +283,31 @@ def report(
             return print(how_to_open(write_page(wanted, load_manifest(manifest), place, progress)))
     if figure:
         store, rows = RunStore.existing(place, run), split_names(method)
-        drawing = FigureRequest(figure, store, rows, split_names(subjects), reason, output)
+        drawing = FigureRequest(figure, store, rows, chosen, reason, output)
         return print(draw_figure(drawing, load_manifest(manifest), place, shown_progress()))
     request = ReportRequest(
         table,
         "json" if as_json else form,
         split_names(method) or None,
-        split_names(subjects) or None,
+        chosen or None,
         interval=interval,
         published=published,
         paired=paired,
         protocol=protocol,
+        split=split,
     )
     return deliver(_text(request, place, run, records, before, manifest, reason), output)
+
+
+def _of_split(
+    split: str, place: Workspace, run: str | None, file: Path | None, manifest: Path | None
+) -> tuple[str, ...]:
+    """The subjects of a split of the one dataset that the records are of."""
+    records = read_record_file(file) if file else RunStore.existing(place, run).records()
+    found = sorted({record.dataset for record in records})
+    if len(found) != 1:
+        raise HarnessError("--split is of one dataset", got=", ".join(found) or "no records")
+    return load_manifest(manifest).split(found[0], split)
 
 
 def _text(
@@ -319,7 +336,7 @@ def _text(
         return written(table_of_protocols(store, request), writer_of(request.format))
     if request.table == SEEDS_TABLE:
         found = table_of_seeds(store, request.methods, request.subjects)
-        return written(found, writer_of(request.format))
+        return written(request.named(found), writer_of(request.format))
     if request.table not in PHOTO_TABLES:
         return build_table(store.records(whole), request)
     wanted = PhotoReport(request, store, load_manifest(manifest), place, reason)

@@ -21,7 +21,7 @@ from harness.core.units import MM_PER_METRE
 #: gives for its parameters; absent where the model gives the surface itself.
 OFF_MODEL = "off_model_rms_m"
 #: Labels of the person; what has any other label is worn.
-BODY_REGIONS = frozenset({"head", "eyes", "hair", "torso", "arms", "hands", "legs", "feet"})
+BODY_REGIONS = frozenset({"head", "eyes", "hair", "skin", "torso", "arms", "hands", "legs", "feet"})
 
 _BODY_ARRAYS = ("vertices", "joints", "joint_names")
 _PARAMETER_ARRAYS = ("pose_parameters", "phenotype", "phenotype_names")

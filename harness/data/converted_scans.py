@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from harness.core.arrays import AnyInts, Bytes, Floats, Ints
+from harness.core.arrays import AnyInts, Bytes, Floats, Ints, Mask
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_directory, read_json, write_json
 from harness.core.files.hashing import file_sha256
+from harness.core.files.npz import write_npz
+from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
-from harness.data.layouts import named_files, ply_pictures
+from harness.data.layouts import Companions, named_files, ply_pictures
 from harness.data.scans import ADDED
 from harness.data.stature import stature
 from harness.data.texture_atlas import Paint, joined, paint_of_corners
@@ -24,6 +27,7 @@ from harness.files.gltf import GlbPart, read_glb_parts
 from harness.files.mesh_files import load_mesh
 from harness.files.mtl import Picture, materials_of
 from harness.files.obj import read_obj_colours, write_obj
+from harness.files.pickled_mesh import atlas_of, read_pickled_mesh
 from harness.files.ply import read_ply_colours
 from harness.geometry.images import (
     MOST_PIXELS,
@@ -33,6 +37,7 @@ from harness.geometry.images import (
     srgb_from_linear,
 )
 from harness.geometry.occlusion import hidden_faces
+from harness.geometry.surface import SurfaceIndex
 
 _PLAIN_COLOUR = "plain colours"
 #: As many colours of vertices may tint one texture, each face all over.
@@ -183,14 +188,19 @@ def read_painted(path: Path, *folders: Path, grey: bool = False) -> Painted:
     Raises:
         DataError: a defect of the file, a picture that is missing, or no colours.
     """
-    # Every defect of the surface is found here, by the reader that finds them elsewhere.
-    surface = load_mesh(path)
     suffix, told = path.suffix.lower(), list[str]()
+    if suffix == ".pkl":
+        surface, painted = _pickled(path)
+        if painted:
+            return painted
+    else:
+        # Every defect of the surface is found here, by the reader that finds them elsewhere.
+        surface = load_mesh(path)
     if suffix == ".glb":
         if glb := glb_painted(path, told):
             mesh, paint, words = glb
             return Painted(mesh, paint.pixels, words, tuple(told))
-    else:
+    elif suffix != ".pkl":
         read = _obj_looks if suffix == ".obj" else _ply_looks
         colours, looks = read(path, folders, told)
         if painted := _painted(colours, looks, told):
@@ -205,6 +215,19 @@ def read_painted(path: Path, *folders: Path, grey: bool = False) -> Painted:
     paint, _ = _plain(_GREY, surface.faces)
     mesh = replace(surface, uv=paint.uv, face_uv=paint.face_uv)
     return Painted(mesh, paint.pixels, "none: grey", tuple(told))
+
+
+def _pickled(path: Path) -> tuple[Mesh, Painted | None]:
+    """A pickled scan, and it with its texture, else with the colours of its vertices."""
+    mesh, pixels, colours = read_pickled_mesh(path)
+    if pixels is not None:
+        return mesh, Painted(mesh, pixels, "texture")
+    if colours is None:
+        return mesh, None
+    paint = paint_of_corners(colours[mesh.faces])
+    painted = replace(mesh, uv=paint.uv, face_uv=paint.face_uv)
+    told = (f"there is no texture {atlas_of(path).name}: the colours of its vertices are taken",)
+    return mesh, Painted(painted, paint.pixels, "vertex colours", told)
 
 
 def _obj_looks(
@@ -308,6 +331,7 @@ UPS: dict[str, Floats] = {
 _MATERIAL, _PICTURE = "material0", "material0.png"
 #: Grows when the same scan would become other files.
 _VERSION = 2
+_NONE = Companions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,7 +371,9 @@ class Conversion:
         }
 
 
-def is_converted(source: Path, conversion: Conversion, directory: Path) -> bool:
+def is_converted(
+    source: Path, conversion: Conversion, directory: Path, beside: Companions = _NONE
+) -> bool:
     """Whether a folder holds a scan as ``convert_scan`` would write it now.
 
     Raises:
@@ -366,28 +392,43 @@ def is_converted(source: Path, conversion: Conversion, directory: Path) -> bool:
     return (
         all(path.is_file() for path in whole)
         and found.get("conversion") == conversion.to_dict()
-        and found.get("sha256") == _hashes(source, conversion)
+        and found.get("sha256") == _hashes(source, conversion, beside)
     )
 
 
-def convert_scan(source: Path, conversion: Conversion, directory: Path) -> None:
+def convert_scan(
+    source: Path, conversion: Conversion, directory: Path, beside: Companions = _NONE
+) -> None:
     """Write ``<id>.obj``, ``material0.mtl`` and ``material0.png`` into a folder named by the id.
 
-    The folder appears when all of it is there.
+    The body of its fit becomes ``body.npz``, labels ``labels.npz``. The folder appears when all of
+    it is there.
 
     Raises:
         DataError: a scan that cannot be read, or without colours; a full disk.
     """
-    hashes = _hashes(source, conversion)
+    hashes = _hashes(source, conversion, beside)
     painted = read_painted(source, *conversion.folders, grey=conversion.grey)
-    mesh = _placed(painted.mesh, conversion)
+    kept = _kept(painted.mesh, conversion, beside)
+    mesh, to_metres = _placed(
+        painted.mesh if kept.all() else painted.mesh.submesh(kept), conversion
+    )
+    told, labels = list(painted.told), beside.files.get("labels")
+    if not kept.all() and beside.floor is not None:
+        told.append(f"what reaches below {beside.floor:g} of the file, its floor, is left out")
+    truth = {"body": _body(beside, mesh, to_metres, told)}
+    if labels is not None:
+        truth["labels"] = _labels(labels, painted.mesh, kept, beside.regions)
     with atomic_directory(directory) as folder:
         write_obj(folder / f"{directory.name}.obj", mesh, material=_MATERIAL)
         material = f"newmtl {_MATERIAL}\nKd 1 1 1\nmap_Kd {_PICTURE}\n"
         (folder / f"{_MATERIAL}.mtl").write_text(material, encoding="ascii")
         save_png(folder / _PICTURE, painted.pixels)
         marks = {"conversion": conversion.to_dict(), "sha256": hashes, "colours": painted.colours,
-                 "told": painted.told}  # fmt: skip
+                 "told": told}  # fmt: skip
+        for name, arrays in truth.items():
+            if arrays:
+                write_npz(folder / f"{name}.npz", arrays)
         write_json(folder / ADDED, marks)
 
 
@@ -396,17 +437,66 @@ def told_of(directory: Path) -> tuple[str, ...]:
     return tuple(read_json(directory / ADDED)["told"])
 
 
-def _hashes(source: Path, conversion: Conversion) -> dict[str, str]:
-    """The scan's file, and the materials and pictures that it names."""
-    named = named_files(source, *conversion.folders)
+def _hashes(source: Path, conversion: Conversion, beside: Companions) -> dict[str, str]:
+    """The scan's file, the materials and pictures that it names, and what belongs to it."""
+    named = [*named_files(source, *conversion.folders), *beside.files.values()]
     return {os.path.relpath(path, source.parent): file_sha256(path) for path in (source, *named)}
 
 
-def _placed(mesh: Mesh, conversion: Conversion) -> Mesh:
-    if conversion.outer:
-        mesh = mesh.submesh(~hidden_faces(mesh))
-    upright = replace(mesh, vertices=mesh.vertices @ UPS[conversion.up].T)
+def _kept(mesh: Mesh, conversion: Conversion, beside: Companions) -> Mask:
+    """(F,) the faces of a scan that are the truth."""
+    kept = ~hidden_faces(mesh) if conversion.outer else np.ones(len(mesh.faces), bool)
+    if beside.floor is not None:
+        heights = mesh.vertices @ UPS[conversion.up][1]
+        kept &= (heights >= beside.floor)[mesh.faces].all(axis=1)
+    return kept
+
+
+def _placed(mesh: Mesh, conversion: Conversion) -> tuple[Mesh, Floats]:
+    """The scan upright and in metres, and the (3, 3) matrix that makes it so."""
+    turn = UPS[conversion.up]
+    upright = replace(mesh, vertices=mesh.vertices @ turn.T)
     factor = conversion.factor
     if conversion.height_m:
         factor = conversion.height_m / float(stature(upright).extent[1])
-    return replace(upright, vertices=upright.vertices * factor)
+    return replace(upright, vertices=upright.vertices * factor), turn * factor
+
+
+#: A body is within a few centimetres of its clothes; one that is not belongs to another scan.
+_MOST_OFF_M = 0.05
+
+
+def _body(
+    beside: Companions, mesh: Mesh, to_metres: Floats, told: list[str]
+) -> dict[str, NDArray[Any]]:
+    """The true body as the surface of the scan's fit; nothing where there is none."""
+    path = beside.files.get("body")
+    if path is None:
+        return {}
+    vertices = load_mesh(path).vertices @ to_metres.T
+    _, distance = SurfaceIndex(mesh.geometry()).closest(vertices)
+    if (off_m := float(distance.mean())) > _MOST_OFF_M:
+        told.append(f"{path.name} is {1000 * off_m:.0f} mm off the scan on average, and is not "
+                    "taken as its true body")  # fmt: skip
+        return {}
+    none = np.zeros((0, 3))
+    return {"vertices": vertices, "joints": none, "joint_names": np.zeros(0, "U1")}
+
+
+def _labels(
+    path: Path, mesh: Mesh, kept: Mask, regions: tuple[str, ...]
+) -> dict[str, NDArray[Any]]:
+    """The regions of the faces that are kept: what most corners of each have."""
+    found = read_array_pickle(path)
+    numbers = next(iter(found.values()), np.zeros(0)).reshape(-1)
+    if numbers.shape != (len(mesh.vertices),) or numbers.dtype.kind not in "iu":
+        raise DataError(f"{path} holds no labels of the scan",
+                        expected=f"{len(mesh.vertices)} whole numbers, one a vertex",
+                        got=f"{numbers.shape} of {numbers.dtype}")  # fmt: skip
+    if not 0 <= numbers.min() <= numbers.max() < len(regions):
+        raise DataError(f"{path} has labels that are not known",
+                        expected=f"0 to {len(regions) - 1}: {', '.join(regions)}",
+                        got=f"{numbers.min()} to {numbers.max()}")  # fmt: skip
+    corners = numbers[mesh.faces[kept]]
+    most = np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0])
+    return {"face_labels": most.astype(np.int64), "names": np.array(regions)}

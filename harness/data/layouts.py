@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
@@ -14,12 +14,13 @@ from harness.core.files.names import NAME_RULE, is_name
 from harness.core.files.reach import inside
 from harness.data.scans import APPEARANCE_SUFFIXES
 from harness.files.mtl import Picture, materials_of, picture_file
+from harness.files.pickled_mesh import atlas_of
 from harness.geometry.images import check_picture
 
 #: Formats of which colours can be read.
 _SUFFIXES = (".obj", ".ply", ".glb")
 #: Beside the fits of THuman lies the body of the fit, which is no scan.
-_BODY = "mesh_smplx.obj"
+FITTED_BODY = "mesh_smplx.obj"
 _CAPTURE = "capture.json"
 _MOST_SHOWN = 5
 
@@ -31,6 +32,23 @@ class Layout(Enum):
     files = "mesh files side by side (<id>.obj, .ply or .glb)"
     folders = "a folder with one mesh file for each subject (<id>/*.obj, .ply or .glb)"
     captures = "captures (<id>/capture.json or <id>/<recipe>/capture.json)"
+    named = "a data set of the field, under its name ('harness data add cape DIR')"
+
+
+@dataclass(frozen=True, slots=True)
+class Companions:
+    """What belongs to a scan of a data set of the field.
+
+    Attributes:
+        files: By kind: ``body``, the surface of its fit; ``labels`` of its vertices or faces;
+            ``orientation``, a fit's parameters; others.
+        regions: Names of the labels' numbers.
+        floor: Height, in units of the file, below which lies what is no person; None: nothing.
+    """
+
+    files: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    regions: tuple[str, ...] = ()
+    floor: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +59,13 @@ class FoundFolder:
         root: The folder; of a tree, the one that ``find_subject`` takes.
         layout: What it looks like.
         subjects: Mesh file, or folder of the capture, by id and in order.
+        companions: What belongs to each, in a data set of the field.
     """
 
     root: Path
     layout: Layout
     subjects: Mapping[str, Path]
+    companions: Mapping[str, Companions] = field(default_factory=dict[str, Companions])
 
     def only(self, names: Sequence[str]) -> FoundFolder:
         """The same folder with some of its subjects, in the order given; all if none is named.
@@ -59,7 +79,7 @@ class FoundFolder:
                     f"{self.root} has no subject '{name}'", hint=did_you_mean(name, self.subjects)
                 )
         chosen = {name: self.subjects[name] for name in names} or dict(self.subjects)
-        return FoundFolder(self.root, self.layout, chosen)
+        return replace(self, subjects=chosen)
 
 
 def find_layout(folder: Path) -> FoundFolder:
@@ -117,7 +137,7 @@ def _meshes_in(folder: Path) -> list[Path]:
     return [
         path
         for path in _entries(folder)
-        if path.suffix.lower() in _SUFFIXES and path.name != _BODY and path.is_file()
+        if path.suffix.lower() in _SUFFIXES and path.name != FITTED_BODY and path.is_file()
     ]
 
 
@@ -182,8 +202,8 @@ def _next_step(root: Path) -> str:
         return "It is one capture: name the folder above it"
     if any(path.suffix.lower() in (".jpg", ".jpeg", ".png") for path in _entries(root)):
         return "Photos with cameras are imported by 'harness capture import'"
-    if any((place / _BODY).is_file() for place in _folders_in(root)):
-        return f"It holds fits: {_BODY} is the body of a fit. Name the folder of the scans"
+    if any((place / FITTED_BODY).is_file() for place in _folders_in(root)):
+        return f"It holds fits: {FITTED_BODY} is the body of a fit. Name the folder of the scans"
     return "See 'Your own scans' in docs/data.md"
 
 
@@ -204,6 +224,8 @@ def named_files(path: Path, *folders: Path) -> list[Path]:
         DataError: one that lies elsewhere; a material file or a material's picture that is not
             there, or is placed in a way that is not applied.
     """
+    if path.suffix.lower() == ".pkl":
+        return [file for file in (atlas_of(path),) if file.is_file()]
     if path.suffix.lower() == ".obj":
         materials = materials_of(path, *folders)
         used = [materials.of(name) for name in materials.named or ("",)]

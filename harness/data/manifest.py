@@ -13,114 +13,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 from harness.core.field_protocols import FIELD_PROTOCOLS
-from harness.core.files.names import NAME_RULE, checked_name, is_name
-from harness.core.plain_text import is_plain
+from harness.core.files.names import NAME_RULE, is_name, subject_range
 from harness.core.rigs import RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe
 from harness.core.units import UNITS_RULE
+from harness.data.field_sets import field_set
 from harness.data.generators import AVATARS, brought_datasets
-
-#: The line of every key, by its path of keys.
-Lines = dict[tuple[str, ...], int]
-
-_MOST_BYTES = 2**20
-_MOST_DEPTH = 20
-#: Some numbers, such as those in sixties, take time that grows with their length squared.
-_MOST_LETTERS = 4096
-
-
-def read_yaml(path: Path) -> tuple[Lines, object]:
-    """The line of every key, and the file's plain content.
-
-    Raises:
-        DataError: no such file, larger than 1 MiB, not YAML in UTF-8, a key that stands twice,
-            nesting deeper than 20, a value of more than 4096 letters, or an alias: aliases of
-            aliases grow without end.
-    """
-    text = _text(path)
-    try:
-        _check_events(path, text)
-        loader = yaml.SafeLoader(text)
-        node = loader.get_single_node()
-        lines = _lines(path, node)
-        return lines, None if node is None else loader.construct_document(node)
-    except yaml.YAMLError as error:
-        raise DataError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        # A number of thousands of digits, or a date that no calendar has.
-        raise DataError(f"{path} holds a value that cannot be read: {error}") from error
-
-
-def _text(path: Path) -> str:
-    try:
-        size = path.stat().st_size
-        if size > _MOST_BYTES:
-            raise DataError(
-                f"{path} is too large for a manifest",
-                expected=f"at most {_MOST_BYTES} bytes",
-                got=str(size),
-            )
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"no manifest at {path}", hint="Name one with --manifest") from error
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path} is not text in UTF-8", got=str(error)) from error
-
-
-def _check_events(path: Path, text: str) -> None:
-    """Refuse, before anything is built, what could be larger or deeper than the file looks."""
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        line = event.start_mark.line + 1
-        if isinstance(event, yaml.AliasEvent):
-            raise DataError(
-                f"{path}, line {line}: '*{event.anchor}' is an alias",
-                expected="every value written out",
-                hint="Write the value itself in its place",
-            )
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _MOST_LETTERS:
-            raise DataError(
-                f"{path}, line {line}: a value of {len(event.value)} letters",
-                expected=f"at most {_MOST_LETTERS}",
-            )
-        if isinstance(event, yaml.ScalarEvent) and not is_plain(event.value):
-            raise DataError(f"{path}, line {line}: a value with signs that cannot be shown")
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        if depth > _MOST_DEPTH:
-            raise DataError(f"{path}, line {line}: nested more than {_MOST_DEPTH} deep")
-
-
-def _lines(path: Path, root: yaml.Node | None) -> Lines:
-    lines: Lines = {}
-
-    def visit(current: yaml.Node | None, location: tuple[str, ...]) -> None:
-        if isinstance(current, yaml.MappingNode):
-            for key, value in current.value:
-                place = (*location, str(key.value))
-                if place in lines:
-                    raise DataError(
-                        f"{path}, line {key.start_mark.line + 1}: key '{key.value}' stands twice"
-                    )
-                lines[place] = key.start_mark.line + 1
-                visit(value, place)
-
-    visit(root, ())
-    return lines
-
+from harness.data.yaml_text import read_yaml
 
 #: Licences that let everybody pass the data on.
 SHAREABLE = ("CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "PDDL-1.0")
 _SCALE_RULE = re.compile(rf"fit|metres|{UNITS_RULE}|height=\d+(\.\d+)?")
-_RANGE = re.compile(r"(?P<prefix>\D*)(?P<low>\d{1,9})\.\.(?P<prefix2>\D*)(?P<high>\d{1,9})")
-_MOST_SUBJECTS, _MOST_SHOWN = 10_000, 40
+_MOST_SHOWN = 40
 #: Least and greatest of what settings may be: beyond lies no photo and no measurement.
 _BOUNDS = {"width": (1, 8192), "height": (1, 8192), "views": (1, 360), "samples": (1, 10_000_000)}
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
@@ -135,32 +43,6 @@ def _scale_rule(value: object) -> object:
     if not isinstance(value, str) or not _SCALE_RULE.fullmatch(value):
         raise ValueError("expected 'fit', 'metres', 'units' or 'height=<metres>'")
     return value
-
-
-def subject_range(text: str) -> tuple[str, ...]:
-    """The ids of a range such as ``t00001..t00020``, or none if the text is not one.
-
-    Ranges of more than 10 000 ids are none.
-    """
-    match = _RANGE.fullmatch(text)
-    if not match or match["prefix"] != match["prefix2"] or len(match["low"]) != len(match["high"]):
-        return ()
-    numbers = range(int(match["low"]), int(match["high"]) + 1)
-    if len(numbers) > _MOST_SUBJECTS:
-        return ()
-    return tuple(f"{match['prefix']}{number:0{len(match['low'])}d}" for number in numbers)
-
-
-def listed_names(given: str | Sequence[str]) -> tuple[str, ...]:
-    """Names in a sequence or in a text with commas, each once; ranges stand for their ids.
-
-    Raises:
-        HarnessError: something that is no name.
-    """
-    texts = given.split(",") if isinstance(given, str) else given
-    names = [text.strip() for text in texts if text.strip()]
-    found = [single for name in names for single in subject_range(name) or (name,)]
-    return tuple(checked_name("method or subject", name) for name in dict.fromkeys(found))
 
 
 class SubjectClass(_Strict):
@@ -199,6 +81,8 @@ class Dataset(_Strict):
         sealed: Kept for the last test: looking at it needs a reason and is logged.
         source: Where the user gets the data.
         sha256: Expected checksums by path below the root.
+        field: For a data set of the field: the name of its description, which has its splits.
+        splits: Subjects of those splits that a file of the data set lists.
     """
 
     title: str
@@ -216,6 +100,8 @@ class Dataset(_Strict):
     sealed: bool = False
     source: str = ""
     sha256: dict[str, str] = Field(default_factory=dict)
+    field: str = ""
+    splits: dict[str, tuple[str, ...]] = Field(default_factory=dict)
 
     @property
     def may_be_passed_on(self) -> bool:
@@ -419,6 +305,28 @@ class Manifest:
                     hint=did_you_mean(subject, available),
                 )
         return dataset_name, self.datasets[dataset_name], tuple(subjects) or available
+
+    def split(self, dataset: str, name: str) -> tuple[str, ...]:
+        """The subjects of a split: a named subset of the manifest, or one of a publication.
+
+        Args:
+            dataset: Name of the dataset.
+            name: Of the split.
+
+        Raises:
+            HarnessError: the dataset has no such split, its ids are not known, or not all of its
+                subjects are there.
+        """
+        resolved, found, _ = self.select(dataset)
+        if (own := self.splits.get(name)) and own.dataset == resolved:
+            return own.subjects
+        if found.field and (described := field_set(found.field)):
+            stored = found.splits.get(name, ())
+            return described.subjects_of(name, resolved, found.subjects, stored)
+        known = [each for each, split in self.splits.items() if split.dataset == resolved]
+        raise HarnessError(
+            f"dataset '{dataset}' has no split '{name}'", hint=did_you_mean(name, known)
+        )
 
     def recipe(self, name: str) -> RenderRecipe:
         """A render recipe by name."""

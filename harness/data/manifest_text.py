@@ -17,6 +17,8 @@ from harness.data.manifest import Dataset
 
 #: Stands behind the name of an entry that was written by a command.
 MARK = "# written by 'harness data add'"
+#: Stands there in the manifest that is installed, where 'harness data add' knows the data set.
+SHIPPED = "# 'harness data add NAME DIR' writes this again"
 _WIDTH = 110
 _PLAIN = re.compile(r"[A-Za-z0-9_./-]+")
 
@@ -65,6 +67,8 @@ def check_addable(text: str, name: str, *, replace: bool) -> None:
 
 
 def _check_replaceable(name: str, first_line: str, *, replace: bool) -> None:
+    if SHIPPED in first_line:
+        return
     if MARK not in first_line:
         raise HarnessError(
             f"there is a dataset '{name}' already, which 'harness data add' did not write",
@@ -133,6 +137,12 @@ def _entry(name: str, dataset: Dataset, indent: int) -> list[str]:
     else:
         yaws = [f"{_quoted(subject)}: {yaw!r}" for subject, yaw in dataset.facing.items()]
         lines += _wrapped(f"{inner}facing: {{", yaws, "}")
+    lines += [f"{inner}field: {dataset.field}"] if dataset.field else []
+    if dataset.splits:
+        lines.append(f"{inner}splits:")
+        for split, subjects in dataset.splits.items():
+            head = f"{inner}{inner[:indent]}{_quoted(split)}: ["
+            lines += _wrapped(head, [_quoted(each) for each in subjects], "]")
     if dataset.hidden != "kept":
         lines.append(f"{inner}hidden: {dataset.hidden}")
     if dataset.subjects:

@@ -192,7 +192,7 @@ def build_photo_table(report: PhotoReport, progress: Progress) -> str:
         methods=tuple(dict.fromkeys(record.method_name for record in records)),
         interval=bootstrap_ends if request.interval else None,
     )
-    return written(table, write)
+    return written(request.named(table), write)
 
 
 def _admit(report: PhotoReport, waiting: Sequence[Record], progress: Progress) -> None:

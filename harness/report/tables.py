@@ -80,6 +80,7 @@ class ReportRequest:
         published: Whether the paper's printed numbers are shown below.
         paired: Whether ``PUBLISHED_TABLE`` shows differences and not means.
         protocol: Under which ``PUBLISHED_TABLE`` shows what publications print; MExECON's if empty.
+        split: Name of the split whose subjects these are, for the caption.
     """
 
     table: str = "geometry"
@@ -90,6 +91,12 @@ class ReportRequest:
     published: bool = False
     paired: bool = False
     protocol: str = ""
+    split: str = ""
+
+    def named(self, table: Table) -> Table:
+        """The table with the name of the split behind that of its dataset."""
+        name = f"{table.dataset} (split {self.split})" if self.split else table.dataset
+        return replace(table, dataset=name)
 
 
 def build_table(
@@ -150,7 +157,8 @@ def table_of_protocols(store: RunStore, request: ReportRequest) -> Table:
         if record.status == "ok" and MESH_FILE in record.files
     }
     methods = request.methods or _catalogue_order(records)
-    return protocols_table(records, scores, methods=methods, subjects=request.subjects)
+    table = protocols_table(records, scores, methods=methods, subjects=request.subjects)
+    return request.named(table)
 
 
 def writer_of(form: str) -> Callable[[Table], str]:
@@ -238,13 +246,14 @@ def _table(
     make = TABLES[request.table]
     if before is not None:
         make = functools.partial(change_table, before=before)
-    return make(
+    made = make(
         records,
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,
         interval=bootstrap_ends if request.interval else None,
         published=request.published,
     )
+    return request.named(made)
 
 
 def in_order(records: Sequence[Record], methods: tuple[str, ...]) -> list[Record]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +15,8 @@ from harness.core.files.atomic import atomic_directory, atomic_path, exclusive_l
 from harness.core.files.names import checked_name
 from harness.core.units import UNITS_RULE
 from harness.data.converted_scans import Conversion, convert_scan, is_converted, told_of
-from harness.data.layouts import FoundFolder, Layout, find_layout
+from harness.data.field_sets import FieldSet, field_set, find_field
+from harness.data.layouts import Companions, FoundFolder, Layout, find_layout
 from harness.data.manifest import Dataset, Manifest, installed_manifest_path, load_manifest
 from harness.data.manifest_text import check_addable, with_dataset
 from harness.data.stature import stature
@@ -150,19 +151,54 @@ def add_dataset(request: AddRequest, progress: Progress) -> Added:
     checked_name("dataset", request.name)
     manifest = manifest_to_write(request.manifest)
     check_name(manifest, request.name, replace=request.replace)
-    found = find_layout(request.folder).only(request.subjects)
-    added = _captures if found.layout is Layout.captures else _scans
-    dataset, checked, words = added(found, request, progress)
+    if field := field_set(request.name):
+        layout = field.title
+        dataset, checked, words, notes = _field(field, request, progress)
+    else:
+        found = find_layout(request.folder).only(request.subjects)
+        layout = found.layout.value
+        added = _captures if found.layout is Layout.captures else _scans
+        (dataset, checked, words), notes = added(found, request, progress), ()
     sound = tuple(each.subject for each in checked if not each.failure)
     is_complete = len(sound) == len(checked) or request.skip_bad
     written = bool(sound) and is_complete
     created = written and write_entry(
         manifest, request.name, _only(dataset, sound), replace=request.replace
     )
+    notes += _splits_there(field, request.name, _only(dataset, sound)) if field else ()
     return Added(
-        request.name, found.layout.value, dataset.kind, dataset.root, words, checked, manifest,
-        created, written,
+        request.name, layout, dataset.kind, dataset.root, words, checked, manifest, created,
+        written, notes, field.protocol if field else "",
     )  # fmt: skip
+
+
+def _field(
+    field: FieldSet, request: AddRequest, progress: Progress
+) -> tuple[Dataset, tuple[CheckedSubject, ...], str, tuple[str, ...]]:
+    """A data set of the field: as ``_scans``, and what is missing in it."""
+    place = find_field(request.name, request.folder, request.frame)
+    wanted = {} if request.subjects else place.damaged
+    failed = tuple(CheckedSubject(each, failure=why) for each, why in wanted.items())
+    if not place.found.subjects:
+        why = "; ".join(f"{each.subject}: {each.failure}" for each in failed[:3])
+        raise DataError(f"{request.folder}: no scan of {field.title} can be used", got=why)
+    found = place.found.only(request.subjects)
+    dataset, checked, words = _scans(found, request.prefilled(field, found), progress)
+    told = {"field": request.name, "splits": dict(place.splits)}
+    return dataset.model_copy(update=told), (*checked, *failed), words, place.told
+
+
+def _splits_there(field: FieldSet, name: str, dataset: Dataset) -> tuple[str, ...]:
+    """Which published splits are whole in a data set of the field, and why others are not."""
+    told: list[str] = []
+    for split, published in field.splits.items():
+        try:
+            stored = dataset.splits.get(split, ())
+            count = len(field.subjects_of(split, name, dataset.subjects, stored))
+            told.append(f"split {split}: {count} subjects ({published.by})")
+        except HarnessError as error:
+            told.append(f"split {split} cannot be used: {error}")
+    return tuple(told)
 
 
 Found = tuple[Dataset, tuple[CheckedSubject, ...], str]
@@ -181,7 +217,7 @@ def _scans(found: FoundFolder, request: AddRequest, progress: Progress) -> Found
     _check_apart(found.root, place)
     dataset = _dataset(request, rules, found, f"data/{request.name}")
     convert = _Convert(
-        _Check(request.name, dataset, place), place / "model", found.subjects, rules.conversion
+        _Check(request.name, dataset, place), place / "model", found, rules.conversion
     )
     with _held(place):
         return dataset, _each(found, progress, convert), rules.words
@@ -284,13 +320,14 @@ class _Convert:
 
     check: _Check
     place: Path
-    sources: Mapping[str, Path]
+    found: FoundFolder
     conversion: Conversion
 
     def __call__(self, subject: str) -> CheckedSubject:
-        source, directory = self.sources[subject], self.place / subject
-        if not is_converted(source, self.conversion, directory):
-            convert_scan(source, self.conversion, directory)
+        source, directory = self.found.subjects[subject], self.place / subject
+        beside = self.found.companions.get(subject, Companions())
+        if not is_converted(source, self.conversion, directory, beside):
+            convert_scan(source, self.conversion, directory, beside)
         checked = self.check(subject)
         return replace(checked, warnings=(*told_of(directory), *checked.warnings))
 

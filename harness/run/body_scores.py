@@ -131,7 +131,14 @@ def _landmark_loss(
 
 def _against_truth(body: Body, truth: TrueBody | None) -> BodyErrors:
     """Errors in mm, where truth and fit are the same model."""
-    if truth is None or body.joint_names != truth.joint_names:
+    if truth is None:
+        return BodyErrors()
+    if not truth.joint_names and body.vertices.shape == truth.vertices.shape:
+        # The surface of a fit of the same model, without its joints.
+        vertices_mm = measure.vertex_error_mm(body.vertices, truth.vertices)
+        mean_mm = float(vertices_mm.mean())
+        return BodyErrors(vertex_error=_value(mean_mm, Unit.millimetre, len(vertices_mm)))
+    if body.joint_names != truth.joint_names:
         return BodyErrors()
     main = body.main_joints
     joints_mm = measure.joint_error_mm(body.joints[main], truth.joints[main])

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from harness.core.errors import DataError
 from harness.core.files.atomic import parsed_json, write_text
+from harness.core.files.names import listed_names
 from harness.core.records import Record
-from harness.data.manifest import listed_names, load_manifest
+from harness.data.manifest import load_manifest
 from harness.run.added_methods import AddedMethods
 from harness.run.evaluate import evaluate as carry_out
 from harness.run.method_choice import OPEN, chosen_methods, parsed_parts

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from harness.core.errors import MissingPart
+from harness.data.field_sets import field_names, field_set
 from harness.data.manifest import Dataset, Manifest
 from harness.data.subjects import check_files
 from harness.data.thuman import FileCheck
@@ -35,8 +36,16 @@ def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, st
     return {
         "datasets": datasets,
         "splits": {
-            name: f"{len(split.subjects)} subjects of {split.dataset}"
-            for name, split in manifest.splits.items()
+            **{
+                name: f"{len(split.subjects)} subjects of {split.dataset}"
+                for name, split in manifest.splits.items()
+            },
+            **_published(manifest),
+        },
+        "data sets of the field, for 'harness data add NAME DIR'": {
+            name: f"{field.title}: {field.source}"
+            for name in field_names()
+            if (field := field_set(name))
         },
         "recipes": {
             name: f"{recipe.rig.views} views, {recipe.width} x {recipe.height}, {recipe.renderer}"
@@ -47,6 +56,18 @@ def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, st
             f"Chamfer {rule.chamfer}"
             for name, rule in manifest.protocols.items()
         },
+    }
+
+
+def _published(manifest: Manifest) -> dict[str, str]:
+    """The splits of publications, of the datasets that are in the manifest."""
+    return {
+        f"{dataset} --split {name}": f"ids not known here: from {split.unknown}"
+        if split.unknown
+        else split.by
+        for dataset, entry in manifest.datasets.items()
+        if (field := field_set(entry.field))
+        for name, split in field.splits.items()
     }
 
 

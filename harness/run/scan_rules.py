@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from harness.core.arrays import Floats
 from harness.core.errors import DataError, HarnessError
+from harness.core.files.pickles import read_array_pickle
 from harness.core.units import UNITS_RULE
 from harness.data.converted_scans import UPS, Conversion
+from harness.data.field_sets import FieldSet
 from harness.data.layouts import FoundFolder, Layout, why_converted
 from harness.data.scans import ADDED, is_outer
+from harness.data.subjects import rotation_of
 from harness.data.thuman import find_thuman
 from harness.files.mesh_files import load_mesh
 from harness.run.workspace import Workspace
@@ -44,6 +48,7 @@ class AddRequest:
         drop_hidden: Whether layers that no outside ray reaches are left out.
         replace: Whether an entry that was written by this command is replaced.
         skip_bad: Whether subjects that fail are left out.
+        frame: Which frame of each sequence of a data set of the field; the first by default.
     """
 
     name: str
@@ -61,6 +66,72 @@ class AddRequest:
     drop_hidden: bool = False
     replace: bool = False
     skip_bad: bool = False
+    frame: int | None = None
+
+    def prefilled(self, field: FieldSet, found: FoundFolder) -> AddRequest:
+        """The request with what the description of a data set of the field says.
+
+        What the user gave counts more.
+
+        Raises:
+            HarnessError: the scans are of another size than people, or as wide as they are high.
+            DataError: a fit that does not say where the front is.
+        """
+        up = self.up or field.up
+        if up == _LONGEST:
+            up = _longest(found)
+        scale = self.scale or (_person_unit(found, up) if field.scale == _UNIT else field.scale)
+        facing = self.facing or field.facing
+        if facing == _ORIENTATION:
+            yaws = {each: _front_deg(found, each) for each in found.subjects}
+            facing = ",".join(f"{each}={yaw!r}" for each, yaw in yaws.items())
+        tree = found.layout is Layout.tree
+        return replace(
+            self, scale=scale, up=self.up if tree else up, facing=facing,
+            title=self.title or field.title, licence=self.licence or field.licence,
+            grey=self.grey or field.grey,
+        )  # fmt: skip
+
+
+def _extents(found: FoundFolder) -> Iterator[tuple[str, Floats]]:
+    """The sizes of the first few scans, in units of their files."""
+    for subject, path in list(found.subjects.items())[:_FEW]:
+        yield subject, load_mesh(path).extent
+
+
+def _longest(found: FoundFolder) -> str:
+    for subject, (_, y, z) in _extents(found):
+        if max(y, z) < _CLEARLY * min(y, z):
+            raise HarnessError("which way is up cannot be told from the scans",
+                               got=f"scan '{subject}' measures {y:.4g} along y and {z:.4g} along z",
+                               hint="Give --up +y or --up +z")  # fmt: skip
+    ups = {_Y_UP if y > z else "+z" for _, (_, y, z) in _extents(found)}
+    if len(ups) > 1:
+        raise HarnessError("some scans are longest along y, others along z",
+                           hint="Add them one by one, with --up and --subjects")  # fmt: skip
+    return ups.pop()
+
+
+def _person_unit(found: FoundFolder, up: str) -> str:
+    low, most = _PERSON_M
+    fitting = set(_METRES)
+    for _, extent in _extents(found):
+        high = float(extent["xyz".index(up[1])])
+        fitting &= {name for name, metres in _METRES.items() if low <= high * metres <= most}
+    if len(fitting) != 1:
+        raise HarnessError("the scans are no people in metres, cm or mm",
+                           hint="Give --scale, such as height=1.75")  # fmt: skip
+    return fitting.pop()
+
+
+def _front_deg(found: FoundFolder, subject: str) -> float:
+    """Degrees from +Z towards +X of where a scan's fit faces."""
+    path = found.companions[subject].files[_ORIENTATION]
+    turn = read_array_pickle(path, ("global_orient",)).get("global_orient")
+    if turn is None or turn.size != 3 or not np.isfinite(turn).all():
+        raise DataError(f"{path} has no global_orient of three numbers")
+    forward = rotation_of(turn.reshape(3).astype(np.float64)) @ (0.0, 0.0, 1.0)
+    return math.degrees(math.atan2(forward[0], forward[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +165,8 @@ class Added:
         manifest: The file.
         created: Whether the file is new, a copy of the installed one.
         written: Whether the entry was written.
+        notes: What is missing and where it comes from, which splits are there.
+        protocol: The metric protocol that belongs to a data set of the field.
     """
 
     name: str
@@ -105,6 +178,8 @@ class Added:
     manifest: Path
     created: bool
     written: bool
+    notes: tuple[str, ...] = ()
+    protocol: str = ""
 
     @property
     def failed(self) -> tuple[CheckedSubject, ...]:
@@ -119,6 +194,10 @@ _PERSON_M = (1.0, 2.2)
 #: Degrees from +Z towards +X, once the scan stands.
 _YAWS_DEG = {"+z": 0.0, "+x": 90.0, "-z": 180.0, "-x": -90.0}
 _FIT, _Y_UP = "fit", "+y"
+#: What descriptions of data sets say beyond the options.
+_LONGEST, _UNIT, _ORIENTATION = "longest", "unit", "orientation"
+#: Scans that are looked at for that; a side is the longest if it is so much longer.
+_FEW, _CLEARLY = 5, 1.2
 
 Facing = Literal["+z", "fit"] | dict[str, float]
 

@@ -43,7 +43,9 @@ def read_array_pickle(path: Path, wanted: Collection[str] | None = None) -> dict
     Args:
         path: The pickle, of any protocol, written by Python 2 or 3 and any numpy.
         wanted: Entries to return if they are there; everything else in the file is passed over.
-            None: all of them, and anything beyond numbers in the file is refused.
+            None: all of them, and anything beyond numbers in the file is refused. An entry of a
+            dictionary in the dictionary is ``outer/inner``, and is wanted by either name; the
+            entry of a file that is one array or number has no name.
 
     Raises:
         DataError: no such file, not a pickle, not a dictionary of numbers, what is wanted is more
@@ -107,13 +109,14 @@ def arrays_of(path: Path, wanted: Collection[str] | None) -> dict[str, NDArray[A
         with path.open("rb") as stream:
             value = _Arrays(stream, strict=wanted is None).load()
             room = iter(range(stream.tell() + 2**20))
+        if isinstance(value, (_Array, float, int)):
+            value = {"": value}
         if not isinstance(value, dict):
             raise DataError(f"{path}", expected="a dictionary of arrays", got=type(value).__name__)
-        entries = {str(k): each for k, each in cast("dict[object, object]", value).items()}
         return {
             name: _numbers(path, name, entry, room)
-            for name, entry in entries.items()
-            if wanted is None or name in wanted
+            for name, entry in _entries(cast("object", value), room)
+            if wanted is None or name in wanted or name.rpartition("/")[2] in wanted
         }
     except OSError as error:
         raise DataError(f"no readable file at {path}: {error.strerror}") from error
@@ -124,6 +127,18 @@ def arrays_of(path: Path, wanted: Collection[str] | None) -> dict[str, NDArray[A
         TypeError, ValueError, pickle.UnpicklingError,
     ) as error:  # fmt: skip
         raise _refusal(path, str(error)) from error
+
+
+def _entries(value: object, room: Iterator[int], above: str = "") -> Iterator[tuple[str, object]]:
+    """Names and values of a dictionary; those of a dictionary in it as ``outer/inner``."""
+    for key, entry in cast("dict[object, object]", value).items():
+        name = f"{above}{key}"
+        if next(room, None) is None or name.count("/") > _MOST_DEPTH:
+            raise ValueError("dictionaries that are deeper, or hold more, than the file")
+        if isinstance(entry, dict):
+            yield from _entries(cast("object", entry), room, f"{name}/")
+        else:
+            yield name, entry
 
 
 def _refusal(path: Path, got: str) -> DataError:

@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from harness.core.errors import DataError, HarnessError, MissingPart
-from harness.data.manifest import load_manifest, subject_range
+from harness.core.files.names import subject_range
+from harness.data.manifest import load_manifest
 
 SHIPPED = Path(__file__).resolve().parents[3] / "data_manifest.yaml"
 PAPER_IDS = (

@@ -137,7 +137,7 @@ def test_maps_of_another_size_than_their_camera_are_refused():
 
 
 def test_the_persons_own_labels_are_those_of_the_avatars():
-    assert {*(name for name, _ in _REGIONS), "eyes", "hair"} == BODY_REGIONS
+    assert {*(name for name, _ in _REGIONS), "eyes", "hair", "skin"} == BODY_REGIONS
 
 
 def test_files_keep_directions_to_half_a_degree(tmp_path):
