@@ -142,8 +142,12 @@ def _located(path: Path) -> Generator[None]:
         raise error.located(path) from error
 
 
-def require_perspective(cameras: Sequence[Camera], form: str) -> None:
-    """Refuse cameras of a kind that a form of file does not have.
+def require_perspective(cameras: Sequence[Camera], what: str) -> None:
+    """Refuse cameras of a kind that a form of file does not have, or that a step cannot take.
+
+    Args:
+        cameras: Of either kind.
+        what: What goes on after "camera 0".
 
     Raises:
         DataError: one of them is orthographic.
@@ -151,10 +155,10 @@ def require_perspective(cameras: Sequence[Camera], form: str) -> None:
     for number, camera in enumerate(cameras):
         if camera.is_orthographic:
             raise DataError(
-                f"camera {number} cannot be written in {form}",
+                f"camera {number} {what}",
                 expected="perspective cameras",
                 got="an orthographic one",
-                hint="Export as nerfstudio, which has both kinds",
+                hint="Take photos with perspective cameras; the form nerfstudio has both kinds",
             )
 
 
@@ -168,7 +172,7 @@ def write_transforms_json(path: Path, cameras: Sequence[Camera], images: Sequenc
     """
     parallel = {camera.is_orthographic for camera in cameras} == {True}
     if not parallel:
-        require_perspective(cameras, "one file with perspective ones")
+        require_perspective(cameras, "cannot be in one file with perspective ones")
     frames = [
         {
             "file_path": image,
@@ -192,7 +196,7 @@ def write_colmap(directory: Path, cameras: Sequence[Camera], images: Sequence[st
     Raises:
         DataError: an orthographic camera, which COLMAP does not have.
     """
-    require_perspective(cameras, "COLMAP's form")
+    require_perspective(cameras, "cannot be written in COLMAP's form")
     camera_lines: list[str] = []
     image_lines: list[str] = []
     for index, (camera, image) in enumerate(zip(cameras, images, strict=True), start=1):

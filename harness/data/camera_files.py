@@ -203,7 +203,7 @@ def write_published(path: Path, cameras: Sequence[Camera]) -> None:
     Raises:
         DataError: a camera that the form cannot hold.
     """
-    require_perspective(cameras, "the published form")
+    require_perspective(cameras, "cannot be written in the published form")
     entries: list[dict[str, object]] = []
     for number, camera in enumerate(cameras):
         K = camera.K

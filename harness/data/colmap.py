@@ -326,7 +326,7 @@ def _binary_images(path: Path) -> Iterator[tuple[int, _Image]]:
 
 def write_colmap_binary(folder: Path, cameras: Sequence[Camera], images: Sequence[str]) -> None:
     """As ``write_colmap``, COLMAP's binary model."""
-    require_perspective(cameras, "COLMAP's form")
+    require_perspective(cameras, "cannot be written in COLMAP's form")
     taken = bytearray(struct.pack("<Q", len(cameras)))
     placed = bytearray(struct.pack("<Q", len(cameras)))
     for number, (camera, image) in enumerate(zip(cameras, images, strict=True), start=1):

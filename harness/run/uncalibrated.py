@@ -18,7 +18,7 @@ import numpy as np
 
 from harness.core.artifacts import Body, Capture, Reconstruction, image_name
 from harness.core.camera import Camera
-from harness.core.camera_frames import write_transforms_json
+from harness.core.camera_frames import require_perspective, write_transforms_json
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.files.hashing import content_hash, file_sha256
@@ -84,6 +84,7 @@ def estimated_capture(
 
     Raises:
         MethodError: no cameras can be trusted of these photos.
+        DataError: a camera is orthographic.
         MissingPart: MediaPipe is not installed.
     """
     inputs = estimate_inputs(photos, suffix_of(recipe))
@@ -124,6 +125,7 @@ def _estimated(
     photos: Capture, mesh: Mesh, suffix: str, report: StepReport
 ) -> tuple[EstimatedCameras, dict[str, object]]:
     """The cameras in a world of their own, and what a capture tells of them."""
+    require_perspective(photos.cameras, "cannot be estimated from photos")
     views = [
         PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
         for view in range(len(photos.cameras))

@@ -35,7 +35,7 @@ def fit_frame(views: Views) -> Floats:
     The first camera stands towards +Z, wherever it is in the world.
     """
     first = views.views[0]
-    towards = first.camera.position - first.place.centre
+    towards = first.camera.eye_of(first.place.centre[None])[0] - first.place.centre
     yaw = np.arctan2(towards[0], towards[2])
     cosine, sine = np.cos(yaw), np.sin(yaw)
     frame = np.eye(4)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.core.arrays import Floats, Ints
 from harness.core.camera import Camera
+from harness.core.camera_frames import require_perspective
 
 _DAMPING, _HARDER, _EASIER = 1e-3, 8.0, 0.2
 _TRIES = 6
@@ -49,7 +50,12 @@ class Rig:
 
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> Rig:
-        """The rig of some cameras, with focal lengths that are held."""
+        """The rig of some cameras, with focal lengths that are held.
+
+        Raises:
+            DataError: one of them is orthographic.
+        """
+        require_perspective(cameras, "cannot be refined")
         K = np.stack([camera.K for camera in cameras])
         pose = np.stack([camera.world_to_camera for camera in cameras])
         focal = np.stack([K[:, 0, 0], K[:, 1, 1]], axis=1)

@@ -77,8 +77,7 @@ def _wedge(camera: Camera) -> Floats:
     """(12, 3) corners of a camera's pyramid, along its edges."""
     width, height = camera.size
     depth = _SHARE * float(np.linalg.norm(camera.position))
-    corners = camera.unproject(
-        np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float), np.full(4, depth)
-    )
-    eye, (a, b, c, d) = camera.position, corners
-    return np.stack([eye, a, b, eye, b, c, eye, c, d, eye, d, a])
+    pixels = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float)
+    a, b, c, d = camera.unproject(pixels, np.full(4, depth))
+    p, q, r, s = camera.ray_origins(pixels)
+    return np.stack([p, a, b, q, b, c, r, c, d, s, d, a])

@@ -18,6 +18,7 @@ from harness.geometry.outline import Outline
 from harness.geometry.place import place_of
 from harness.geometry.raycast import Raycaster
 from harness.geometry.similarity import Similarity
+from methods.cameras.adjustment import Rig
 from methods.hull import HullSettings, hull_of
 from tests.spheres import icosphere
 
@@ -146,5 +147,7 @@ def test_files_that_have_no_such_camera_refuse_it(tmp_path: Path) -> None:
         assert "nerfstudio" in str(error.value)
     write_transforms_json(tmp_path / "t.json", [camera()], ["a.png"])
     assert json.loads((tmp_path / "t.json").read_text())["camera_model"] == "ORTHOPHOTO"
-    with pytest.raises(DataError, match="one file with perspective"):
+    with pytest.raises(DataError, match="cannot be in one file with perspective"):
         write_transforms_json(tmp_path / "t.json", both, ["a.png", "b.png"])
+    with pytest.raises(DataError, match="camera 1 cannot be refined"):
+        Rig.of(both[::-1])
