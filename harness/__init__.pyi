@@ -23,6 +23,11 @@ from harness.core.protocols import MethodInfo as MethodInfo
 from harness.core.protocols import Part as Part
 from harness.core.protocols import Privilege as Privilege
 from harness.core.records import MetricValue as MetricValue
+from harness.core.results import DepthMaps as DepthMaps
+from harness.core.results import Gaussians as Gaussians
+from harness.core.results import PhotoFrame as PhotoFrame
+from harness.core.results import PointCloud as PointCloud
+from harness.core.results import ViewDepth as ViewDepth
 from harness.core.rigs import RingRig as RingRig
 from harness.core.rigs import camera_yaw_deg as camera_yaw_deg
 from harness.core.settings import MetricProtocol as MetricProtocol

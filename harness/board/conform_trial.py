@@ -16,7 +16,7 @@ import psutil
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
-from harness.core.errors import HarnessError, MethodError
+from harness.core.errors import HarnessError
 from harness.core.files.atomic import write_json
 from harness.core.mesh import Mesh
 from harness.core.process.threads import StepReport
@@ -32,6 +32,7 @@ from harness.run.cost import StageMeter
 from harness.run.method_choice import MethodRef
 from harness.run.sources import Source
 from harness.run.view_choice import views_for
+from methods.points.surfacing import reconstructed
 
 _SCHEMA = 1
 
@@ -182,9 +183,7 @@ def handle(trial: Trial, report: StepReport) -> TrialResult:  # noqa: ARG001
         with tempfile.TemporaryDirectory(prefix="harness-work-") as workdir:
             context = Context(trial.seed, Path(workdir), lambda _: contextlib.nullcontext(), lent)
             with meter.stage("whole"):
-                mesh = chosen.method.reconstruct(capture, context).mesh
-        if not isinstance(mesh, Mesh):
-            raise MethodError("the method returned no mesh", got=type(mesh).__name__)
+                mesh = reconstructed(chosen.method, capture, context).mesh
     except HarnessError as error:
         return TrialResult(str(error), before_s=before_s)
     wall_s = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""``harness score``: a pair of meshes, or a folder of meshes made elsewhere."""
+"""``harness score``: a pair of surfaces, or a folder of surfaces made elsewhere."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ Predicted = Annotated[
     Path,
     typer.Argument(
         metavar="PRED",
-        help="A mesh; or a folder of meshes named by subject, such as a01.ply.",
+        help="A mesh, or a PLY file of points or Gaussians; or a folder of such files named by "
+        "subject, such as a01.ply.",
     ),
 ]
 Truth = Annotated[
@@ -93,6 +94,8 @@ def score(
 
     Give --gt for one mesh, or --dataset and --name for a folder of meshes. Meshes are in metres in
     the world frame (+Y up); nothing is scaled or repaired, or aligned but where a protocol says so.
+    A PLY file without faces is a cloud, or Gaussians as 3DGS and 2DGS write them: the surface of
+    either is made as that of a method's result.
     The exit code is 1 when a subject of the dataset has no mesh, or one that cannot be scored, and
     when one of several protocols cannot measure a pair.
 

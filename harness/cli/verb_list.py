@@ -35,6 +35,7 @@ VERBS = {
     "check": "Compare the numbers of a run with a stored baseline.",
     "data": "List, check, add, make and show the data.",
     "methods": "List the methods, and show what one of them is made of.",
+    "recipes": "List recipes of others' methods, and install what they need.",
     "parts": "List, import and verify the parts that you bring.",
 }
 #: Modules of verbs that are not called like their verb.

@@ -13,6 +13,7 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.errors import MethodError
 from harness.core.process.shared_work import Sharing, alone
+from harness.core.results import Unmeshed
 from harness.core.typed_json import to_json
 
 
@@ -30,6 +31,7 @@ class Privilege(StrEnum):
     TRUE_BODY = "true_body"
     TRUE_NORMALS = "true_normals"
     ALIGNED = "aligned_to_the_scan"
+    OWN_FRAME = "own_frame"
     ORACLE_NORMALS = "oracle_normals"
     GROUND_TRUTH_MESH = "ground_truth_mesh"
     MADE_ELSEWHERE = "made_elsewhere"
@@ -62,6 +64,10 @@ _SENTENCES = {
     Privilege.ALIGNED: (
         "The result was moved or scaled onto the scan, or by its cameras onto the true ones, "
         "before it was measured."
+    ),
+    Privilege.OWN_FRAME: (
+        "The result is in a unit and axes of its own, and is measured where the protocol's "
+        "alignment moves it."
     ),
     Privilege.ORACLE_NORMALS: "The scan's own normals are rendered into the method's views.",
     Privilege.GROUND_TRUTH_MESH: "The scan itself is given.",
@@ -215,12 +221,15 @@ class Context:
 
 @runtime_checkable
 class Method(Protocol):
-    """Makes a clothed mesh from a capture."""
+    """Makes a clothed mesh from a capture, or what the harness makes one of."""
 
     info: MethodInfo
 
-    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
+    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction | Unmeshed:
         """The subject's clothed surface in metres, world frame.
+
+        Depth maps, points or Gaussians become one by the steps of ``methods.points.surfacing``;
+        settings of the method in the rooms ``align``, ``keep`` and ``mesh`` are theirs.
 
         Raises:
             MethodError: the capture cannot be reconstructed; the reason goes into the record.

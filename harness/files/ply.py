@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Bytes, Ints
+from harness.core.arrays import Bytes, Floats, Ints
 from harness.core.errors import DataError
 from harness.core.files.atomic import atomic_path
 from harness.core.mesh import Mesh
@@ -63,6 +63,25 @@ def read_ply(path: Path) -> Mesh:
             triangles, or a point cloud without faces.
     """
     return _surface(path, _read_tables(path))[0]
+
+
+def read_vertices(path: Path) -> dict[str, Floats] | None:
+    """The numbers of a PLY file's vertices by property, if it has no faces; else None.
+
+    Raises:
+        DataError: not a PLY, truncated, or without x, y, z.
+    """
+    tables = _read_tables(path)
+    if any(
+        len(run)
+        for element in ("face", "tristrips")
+        for runs in tables.get(element, {}).values()
+        for run in runs
+    ):
+        return None
+    _positions(tables, path)
+    vertex = tables["vertex"]
+    return {name: np.concatenate(runs).astype(np.float64) for name, runs in vertex.items() if runs}
 
 
 def read_ply_colours(path: Path) -> FileColours:

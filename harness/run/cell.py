@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from harness.core.artifacts import Capture, Reconstruction, Scan
-from harness.core.errors import MethodError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
 from harness.core.process.shared_work import Sharing, alone
@@ -85,12 +84,9 @@ def scores_of(
         share: Makes what scores of several methods need alike, or hands it out.
 
     Raises:
-        MethodError: the result has no mesh.
         DataError: one that cannot be compared.
         MissingPart: a body cannot be scored without MediaPipe.
     """
-    if not isinstance(result.mesh, Mesh):
-        raise MethodError("the method returned no mesh", got=type(result.mesh).__name__)
     # As it is filed: without texture coordinates, whose seams could split its normals. And however
     # large or far away: it is what the method made.
     mesh = result.mesh.geometry()

@@ -32,6 +32,7 @@ from harness.run.record_inputs import Inputs, environment, evaluated
 from harness.run.shared_results import SharedResults
 from harness.run.uncalibrated import as_given, brought, own_world, with_cameras
 from harness.run.view_choice import views_for
+from methods.points.surfacing import reconstructed
 
 #: What only a scan can lend.
 _OF_THE_SCAN = (Privilege.GROUND_TRUTH_MESH, Privilege.SUBJECT_CENTRE, Privilege.ORACLE_NORMALS)
@@ -158,7 +159,7 @@ class _Task:
                 keep=self.job.keep,
                 share=share,
             )
-            return self.method.method.reconstruct(capture, context)
+            return reconstructed(self.method.method, capture, context)
 
     @contextlib.contextmanager
     def _workdir(self) -> Iterator[Path]:
@@ -179,10 +180,12 @@ class _Task:
             uncounted.append("a body")
         if result.normals and not planned.counts_normal_scoring:
             uncounted.append("normal maps")
+        if "surface" in result.details and not planned.counts_surfacing:
+            uncounted.append("points")
         if uncounted:
             raise MethodError(
                 f"the method returned {' and '.join(uncounted)}, which its code does not name",
-                expected="'Body' or 'NormalMaps', imported by name from harness.core.artifacts",
+                expected="'Body', 'NormalMaps', 'DepthMaps', 'PointCloud' or 'Gaussians' by name",
                 hint="Import the name in the method's own module",
             )
 

@@ -25,6 +25,7 @@ from harness.run.cell_job import CellJob, CellResult
 from harness.run.method_choice import ChosenMethod
 from harness.run.plan import Cell, EvalRequest, SubjectFiles, plan
 from harness.run.progress import Progress
+from harness.run.protocol_scores import require_aligned
 from harness.run.publication import Attempt
 from harness.run.record_inputs import environment, utc_now
 from harness.run.sealed import Look, admit
@@ -98,6 +99,9 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     """
     source = request.source
     source.root()
+    if not source.is_imported:
+        for method in request.methods:
+            require_aligned(method.info, request.protocol)
     require_avatars(source, request.executor)
     methods = tuple(method.row for method in request.methods)
     look = Look(

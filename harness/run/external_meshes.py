@@ -1,4 +1,4 @@
-"""Scoring a folder of meshes made elsewhere, one per subject."""
+"""Scoring a folder of meshes, clouds or splats made elsewhere, one per subject."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from harness.core.protocols import MethodInfo, Privilege
 from harness.core.records import CaptureStamp, ProtocolStamp, Record, Scores, Status
 from harness.core.settings import MetricProtocol
 from harness.core.truth import face_regions
-from harness.files.mesh_files import MESH_SUFFIXES, load_mesh, save_mesh
+from harness.files.mesh_files import MESH_SUFFIXES, save_mesh
+from harness.files.point_files import load_points
 from harness.run.mesh_scores import mesh_scores
 from harness.run.progress import Progress
 from harness.run.publication import MESH_FILE
@@ -22,6 +23,7 @@ from harness.run.record_inputs import Inputs, environment, scored_elsewhere, utc
 from harness.run.sources import ScanSet
 from harness.run.store import CellFolder, Outcome, RunStore
 from methods.catalog import METHODS
+from methods.points.surfacing import load_surface
 
 _SEAMS = (
     "normals end at the seams of its texture, which the mesh that is kept does not have: hand in "
@@ -34,7 +36,8 @@ class FolderRequest:
     """A folder of meshes named by subject, to be filed as a method.
 
     Attributes:
-        folder: Holds ``<id>.ply``, ``.obj``, ``.glb``, ``.off`` or ``.stl``: metres, world frame.
+        folder: Holds ``<id>.ply``, ``.obj``, ``.glb``, ``.off`` or ``.stl``: metres, world frame. A
+            PLY without faces is a cloud or Gaussians.
         name: The method's name in records and tables.
         title: Its title in tables.
         truth: What it is measured against.
@@ -117,6 +120,7 @@ class _Scored:
     scores: Scores = field(default_factory=Scores)
     inputs: Inputs | None = None
     files: Mapping[str, str] = field(default_factory=dict[str, str])
+    details: Mapping[str, object] = field(default_factory=dict[str, object])
 
 
 def _score_subject(
@@ -148,6 +152,7 @@ def _score_subject(
         identity=request.truth.dataset.identity.get(subject, ""),
         inputs=found.inputs.to_dict() if found.inputs else {},
         files=found.files,
+        details=found.details,
     )
     return folder.file(record, attempt, own_failure=found.by_mesh)
 
@@ -166,9 +171,14 @@ def _scored(
         face_regions(scan, truth)
     except HarnessError as error:
         return _Scored("failed", str(error), by_mesh=False)
-    inputs = scored_elsewhere(method, file_sha256(path), scan, request.protocol)
+    inputs: Inputs | None = None
     try:
-        predicted = load_mesh(path, seams=True)
+        is_points = load_points(path) is not None
+        inputs = scored_elsewhere(
+            method, file_sha256(path), scan, request.protocol, is_points=is_points
+        )
+        surface = load_surface(path)
+        predicted = surface.mesh
         scores = mesh_scores(predicted, scan, truth, request.protocol, misplaced="refuse")
     except HarnessError as error:
         return _Scored("failed", str(error), inputs=inputs)
@@ -178,4 +188,4 @@ def _scored(
     files = {kept.name: file_sha256(kept)}
     if predicted.uv is not None and request.protocol.texture_seams == "split":
         scores = replace(scores, warnings=(*scores.warnings, _SEAMS))
-    return _Scored("ok", scores=scores, inputs=inputs, files=files)
+    return _Scored("ok", scores=scores, inputs=inputs, files=files, details=surface.details)

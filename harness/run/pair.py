@@ -16,6 +16,7 @@ from harness.data.manifest import load_manifest
 from harness.files.mesh_files import load_mesh
 from harness.geometry.images import load_rgba
 from methods.perceptual import perceptual_distance
+from methods.points.surfacing import load_surface
 from metrics.photos import VIEW_RECIPES, view_numbers
 from metrics.score import Score, score_all
 
@@ -112,7 +113,8 @@ def score(
     a protocol says so.
 
     Args:
-        predicted: A mesh, or its file.
+        predicted: A mesh or its file; or a PLY file of points or Gaussians, whose surface is made
+            by the steps that methods' results are made surfaces by.
         truth: The true surface, or its file.
         protocol: By name, from the manifest or of the field, such as ``exact``; several with
             commas, or ``all``; or a protocol itself.
@@ -131,7 +133,8 @@ def score(
     if keep_points and len(rules) > 1:
         raise HarnessError("errors point by point are of one protocol", got=str(len(rules)))
     with ThreadPoolExecutor(max_workers=2) as pool:
-        mine, true = pool.map(_mesh, (predicted, truth))
+        mine, true = pool.submit(_surface, predicted), pool.submit(_mesh, truth)
+        mine, true = mine.result(), true.result()
     found = score_all(mine, true, rules, keep_points=keep_points)
     return PairScores(
         predicted=_name(predicted),
@@ -192,6 +195,10 @@ def score_views(rendered: Path, photo: Path, recipes: str) -> ViewNumbers:
 
 #: Coverage from which a pixel is the subject's.
 _HALF = 128
+
+
+def _surface(given: Mesh | str | Path) -> Mesh:
+    return given if isinstance(given, Mesh) else load_surface(given).mesh
 
 
 def _mesh(given: Mesh | str | Path) -> Mesh:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from harness.core.errors import HarnessError
+from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.protocol_scores import ProtocolScore, ProtocolScores
+from harness.core.protocols import MethodInfo, Privilege
 from harness.core.records import ProtocolStamp, Record
 from harness.core.settings import MetricProtocol
 from harness.core.truth import face_regions
@@ -53,6 +54,21 @@ def score_protocols(
     return found
 
 
+def require_aligned(method: MethodInfo, protocol: MetricProtocol) -> None:
+    """Nothing, if a protocol can measure what a method answers.
+
+    Raises:
+        ProtocolMismatch: an answer in a frame of its own, and nothing that aligns it.
+    """
+    if Privilege.OWN_FRAME in method.privileges and protocol.alignment.by == "none":
+        raise ProtocolMismatch(
+            f"method '{method.name}' answers in a frame of its own, and protocol "
+            f"'{protocol.name}' aligns nothing",
+            expected="a protocol that aligns, such as sith",
+            hint=f"Run: harness eval --method {method.name} --protocol sith",
+        )
+
+
 def _scored(
     store: RunStore, truth: ScanSet, protocols: Sequence[MetricProtocol], record: Record
 ) -> list[ProtocolScore]:
@@ -74,6 +90,11 @@ def _scored(
             scores = score_all(mesh, surface, missing, misplaced="tell", regions=regions)
             for name, score in scores.items():
                 known[name] = _filed(stamps[name], sha256, score)
+            for protocol in missing:
+                try:
+                    require_aligned(record.method, protocol)
+                except ProtocolMismatch as error:
+                    known[protocol.name] = _filed(stamps[protocol.name], sha256, error)
             ProtocolScores(tuple(known.values())).save(folder.directory)
     return [known[name] for name in stamps]
 

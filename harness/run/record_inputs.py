@@ -36,6 +36,9 @@ _MESH_READING = "harness.files.mesh_files"
 _BODY_SCORING = "harness.run.body_scores"
 _NORMAL_SCORING = "harness.run.normal_scores"
 _ORACLE = "harness.run.oracle_normals"
+_SURFACING = "methods.points.surfacing"
+#: What a method may return that these steps make a surface.
+_UNMESHED = ("DepthMaps", "PointCloud", "Gaussians")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,11 @@ class Inputs:
     def counts_body_scoring(self) -> bool:
         """Whether the key covers the code that scores bodies."""
         return _BODY_SCORING in self.code
+
+    @property
+    def counts_surfacing(self) -> bool:
+        """Whether the key covers the code that makes points a surface."""
+        return _SURFACING in self.code
 
     @property
     def counts_normal_scoring(self) -> bool:
@@ -138,10 +146,16 @@ def made_from(
 
 
 def scored_elsewhere(
-    method: MethodInfo, mesh_sha256: str, scan: Scan, protocol: MetricProtocol
+    method: MethodInfo,
+    mesh_sha256: str,
+    scan: Scan,
+    protocol: MetricProtocol,
+    *,
+    is_points: bool = False,
 ) -> Inputs:
-    """What the record of a mesh that was made elsewhere is made from now."""
-    scoring = SourceTree.installed().digest([_MESH_SCORING, _MESH_READING], [_KEYS_OWN])
+    """What the record of a mesh, or of points, that were made elsewhere is made from now."""
+    reading = _SURFACING if is_points else _MESH_READING
+    scoring = SourceTree.installed().digest([_MESH_SCORING, reading], [_KEYS_OWN])
     code = scoring | _reader(scan)
     return Inputs(
         method=method.identity(),
@@ -180,7 +194,8 @@ def method_code(module: str, privileges: tuple[Privilege, ...]) -> SourceDigest:
         unused.append(_NORMAL_SCORING)
     if Privilege.ORACLE_NORMALS not in privileges:
         unused.append(_ORACLE)
-    return own | tree.digest([_CELL], unused)
+    steps = [_SURFACING] if any(map(own.uses, _UNMESHED)) else []
+    return own | tree.digest([_CELL, *steps], unused)
 
 
 def require_photos(record: Record, capture: Capture) -> None:

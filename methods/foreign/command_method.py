@@ -1,4 +1,4 @@
-"""A method that is a command in an environment of its own: photos in a folder, one mesh file back.
+"""A method that is a command in an environment of its own: photos in a folder, one result back.
 
 Nothing is unpickled, nothing of it is imported here, and no network is promised to it. Its files
 and its environment are parts of the method, so that they count in the key of every record.
@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, make_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,17 +19,18 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.camera import Camera, rigid_inverse
 from harness.core.camera_frames import BLENDER_TO_WORLD, write_transforms_json
-from harness.core.errors import DataError, Killed, MethodError
+from harness.core.errors import HarnessError, Killed, MethodError
 from harness.core.files.atomic import write_json
-from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Part, Privilege
-from harness.core.settings import by_room, overridden
-from harness.files.mesh_files import load_mesh
+from harness.core.results import Unmeshed
+from harness.core.settings import by_room, overridden, rooms_of
 from harness.geometry.images import composite, load_rgba, save_png
+from methods.foreign.answers import AnswerFolder
 from methods.foreign.environment import ForeignEnvironment, environment_for, files_sha256
-from methods.foreign.interpreter import launch_of
+from methods.foreign.interpreter import Launch, launch_of
 from methods.foreign.method_file import MethodFile, Value, read_method
 from methods.foreign.running import run_guarded
+from methods.points.filtering import AlignSettings, SurfaceRooms
 
 _SCHEMA = 1
 _GREY = (0.5, 0.5, 0.5)
@@ -72,7 +73,9 @@ def write_photos(
     for view, name in zip(views, names, strict=True):
         _write_photo(folder / name, capture, view, masked=Privilege.EXACT_MASKS in info.privileges)
     cameras = [capture.cameras[view] for view in views]
-    if Privilege.KNOWN_CAMERAS in info.privileges:
+    # Who finds cameras, to be compared with the known ones, does not see these.
+    finds = method.result != "mesh" and info.parameters["align"]["mode"] != "native_posed"
+    if Privilege.KNOWN_CAMERAS in info.privileges and not finds:
         write_transforms_json(folder / "transforms.json", _turned(cameras, method.up), names)
     request: dict[str, object] = {
         "schema": _SCHEMA,
@@ -111,22 +114,17 @@ def _from_ours(points: Floats, up: str) -> Floats:
     return points @ BLENDER_TO_WORLD[:3, :3] if up == "+z" else points
 
 
-def in_our_world(mesh: Mesh, up: str) -> Mesh:
-    """A mesh from the world that a method works in."""
-    if up == "+y":
-        return mesh
-    return replace(mesh, vertices=mesh.vertices @ BLENDER_TO_WORLD[:3, :3].T)
-
-
 @dataclass(frozen=True, slots=True)
 class CommandMethod:
     """A method that its ``method.toml`` describes.
 
     Attributes:
         file: The description, with the settings that it runs with.
+        rooms: How its points become a surface; None takes the defaults.
     """
 
     file: MethodFile
+    rooms: SurfaceRooms | None = None
 
     @classmethod
     def at(cls, path: Path) -> CommandMethod:
@@ -144,28 +142,77 @@ class CommandMethod:
         Raises:
             MissingPart: its environment does not run.
         """
-        file = self.file
         environment = self.environment()
+        return self.described(
+            self.program(),
+            Part("environment", environment.text, "of its packages", environment.sha256),
+        )
+
+    def program(self) -> Part:
+        """Its own files."""
+        file = self.file
+        name = " ".join(filter(None, [file.name, file.version]))
+        return Part("program", name, file.licence, files_sha256(file.folder, file.name))
+
+    def described(self, *parts: Part) -> MethodInfo:
+        """What it is with these parts."""
+        file, mode = self.file, self.align_mode
+        privileges = file.privileges
+        if mode == "oracle_icp":
+            privileges = (*privileges, Privilege.GROUND_TRUTH_MESH)
+        if mode == "protocol":
+            privileges = (*privileges, Privilege.OWN_FRAME)
         return MethodInfo(
             name=file.name,
-            title=file.title,
+            title=self._title(),
             views=file.views,
-            parts=(
-                Part("program", " ".join(filter(None, [file.name, file.version])), file.licence,
-                     files_sha256(file)),
-                Part("environment", environment.text, "of its packages", environment.sha256),
-            ),
-            privileges=file.privileges,
-            trained_on=file.trained_on,
-            parameters={room: dict(own) for room, own in file.settings.items()},
+            parts=parts,
+            privileges=privileges,
+            parameters={
+                **{room: dict(own) for room, own in file.settings.items()},
+                **{name: asdict(room) for name, room in self._surface_rooms().items()},
+            },
             view_count=file.view_count,
             needs_perspective=file.needs_perspective,
-        )  # fmt: skip
+            trained_on=file.trained_on,
+        )
+
+    def _title(self) -> str:
+        count = len(self.file.views) if self.file.views else self.file.view_count
+        words = [self.file.title]
+        if self.file.result != "mesh" and count:
+            words.append(f"{count} views")
+        if mode := self.align_mode:
+            words.append("own frame" if mode == "protocol" else mode)
+        return ", ".join(words)
+
+    @property
+    def align_mode(self) -> str:
+        """How its result is brought to metres; empty for a mesh that is in metres."""
+        if self.file.result == "mesh":
+            return "protocol" if self.file.frame == "own" else ""
+        return (self.rooms or self._default_rooms()).align.mode
+
+    def _default_rooms(self) -> SurfaceRooms:
+        return SurfaceRooms(align=AlignSettings(self.file.alignments[0]))
+
+    def _surface_rooms(self) -> dict[str, Any]:
+        if self.file.result == "mesh":
+            return {}
+        return rooms_of(self.rooms or self._default_rooms())
 
     @property
     def deterministic(self) -> bool:
         """Whether it says that a seed changes nothing, or takes none."""
         return self.file.deterministic or not self.file.uses_seed
+
+    def launch(self) -> Launch:
+        """How its command is started.
+
+        Raises:
+            MissingPart: no such interpreter, or no conda or container engine.
+        """
+        return launch_of(self.file)
 
     def environment(self) -> ForeignEnvironment:
         """Where its command runs.
@@ -173,67 +220,80 @@ class CommandMethod:
         Raises:
             MissingPart: it does not run.
         """
-        return environment_for(self.file, launch_of(self.file))
+        return environment_for(self.file, self.launch())
 
-    def configured(self, parameters: Mapping[str, str]) -> CommandMethod:
-        """The method with other settings, given as text by ``room.setting``."""
-        settings = self.file.settings
-        texts = by_room(parameters, settings)
-        changed = {room: _overridden(own, texts[room]) for room, own in settings.items()}
-        return CommandMethod(replace(self.file, settings=changed))
-
-    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction:
-        """The mesh that the command writes, world metres.
+    def configured(self, parameters: Mapping[str, str]) -> Self:
+        """The method with other settings, given as text by ``room.setting``.
 
         Raises:
-            MethodError: it takes views that are not there, failed, or left no mesh.
+            HarnessError: no such setting, or an alignment that makes no sense for it.
+        """
+        settings, own = self.file.settings, self._surface_rooms()
+        texts = by_room(parameters, {**settings, **{name: asdict(own[name]) for name in own}})
+        changed = {room: _overridden(values, texts[room]) for room, values in settings.items()}
+        rooms = {name: overridden(room, texts[name]) for name, room in own.items()}
+        found = replace(self, file=replace(self.file, settings=changed))
+        if not rooms:
+            return found
+        mode = rooms["align"].mode
+        if mode not in self.file.alignments:
+            raise HarnessError(
+                f"method '{self.file.name}' cannot be aligned by '{mode}'",
+                expected=" or ".join(self.file.alignments),
+                hint="Set align.mode to one of them",
+            )
+        return replace(found, rooms=SurfaceRooms(**rooms))
+
+    def given(self) -> dict[str, Path]:
+        """Further words of the command that name files, which a container may read."""
+        return {}
+
+    def reconstruct(self, capture: Capture, context: Context) -> Reconstruction | Unmeshed:
+        """What the command writes.
+
+        Raises:
+            MethodError: it takes views that are not there, refused, failed, or left no result.
             Killed: it was killed, as when memory runs out.
             MissingPart: its environment does not run.
         """
-        info, launch = self.info, launch_of(self.file)
+        info, launch, given = self.info, self.launch(), self.given()
         place = (context.workdir / "exchange").resolve()
         photos, answer = place / "photos", place / "answer"
         for folder in (photos, answer):
             folder.mkdir(parents=True)
         with context.stage("photos"):
             write_photos(photos, self.file, info, capture, context)
+        target = str(answer / self.file.answer)
         words = self.file.words(
             {
                 "photos": str(photos),
-                "mesh": str(answer / self.file.mesh),
+                "mesh": target,
+                "result": target,
                 "python": launch.python,
                 "folder": str(self.file.folder),
                 "seed": str(context.seed),
+                **dict.fromkeys(("weights", "checkout"), ""),
+                **{name: str(path) for name, path in given.items()},
                 **_by_path(self.file.settings),
             }
         )
         with context.stage("command"):
-            command = launch.words(words, [self.file.folder, photos], [answer])
+            command = launch.words(words, [self.file.folder, photos, *given.values()], [answer])
             variables = {**launch.environment(), "TMPDIR": str(answer)}
             ended = run_guarded(command, variables, self.file.folder)
+        if ended.status and ended.refusal:
+            raise MethodError(f"method '{self.file.name}' refused: {ended.refusal}")
         if ended.status:
             kind = Killed if ended.was_killed else MethodError
             raise kind(
                 f"the command of method '{self.file.name}' ended with exit status {ended.status}",
                 hint=ended.log,
             )
-        with context.stage("mesh"):
-            mesh = in_our_world(self._mesh(answer / self.file.mesh, ended.log), self.file.up)
-        return Reconstruction(mesh=mesh, details={"environment": self.environment().told()})
-
-    def _mesh(self, path: Path, log: str) -> Mesh:
-        if path.is_symlink() or not path.is_file():
-            raise MethodError(
-                f"the command of method '{self.file.name}' wrote no mesh",
-                expected=f"a file at {{mesh}}, called {self.file.mesh}",
-                hint=log,
-            )
-        try:
-            return replace(load_mesh(path).geometry(), source=f"the mesh of '{self.file.name}'")
-        except DataError as error:
-            raise MethodError(
-                f"the mesh of method '{self.file.name}' cannot be used: {error}"
-            ) from error
+        sizes = [capture.cameras[view].size for view in views_of(info, len(capture.cameras))]
+        with context.stage("answer"):
+            found = AnswerFolder(self.file, answer, sizes).read(ended.log)
+        details = {**found.details, "environment": self.environment().told()}
+        return replace(found, details=details)
 
 
 def _by_path(settings: Mapping[str, Mapping[str, Value]]) -> dict[str, str]:

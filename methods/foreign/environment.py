@@ -193,25 +193,30 @@ def _program(method: MethodFile) -> ForeignEnvironment:
     found = str(beside) if beside.is_file() else shutil.which(word)
     if found is None:
         raise _broken(method, word, "no such program")
-    return ForeignEnvironment(program=_digest(Path(found).resolve(), _stamp(Path(found))))
+    return ForeignEnvironment(program=file_digest(Path(found).resolve()))
 
 
-def files_sha256(method: MethodFile) -> str:
+def files_sha256(folder: Path, name: str) -> str:
     """Content id of all files in a method's folder; an interpreter in there does not count.
 
     Raises:
         HarnessError: more files than a method's folder has.
     """
     found: dict[str, object] = {}
-    for path in _files(method.folder):
-        found[path.relative_to(method.folder).as_posix()] = _digest(path, _stamp(path))
+    for path in _files(folder):
+        found[path.relative_to(folder).as_posix()] = file_digest(path)
         if len(found) > _MOST_FILES:
             raise HarnessError(
-                f"the folder of method '{method.name}' has more than {_MOST_FILES} files",
-                got=str(method.folder),
+                f"the folder of method '{name}' has more than {_MOST_FILES} files",
+                got=str(folder),
                 hint="Give the method a folder of its own, since all files in it count",
             )
     return content_hash(found)
+
+
+def file_digest(path: Path) -> str:
+    """sha256 of a file, read again when it has changed."""
+    return _digest(path, _stamp(path))
 
 
 def _files(folder: Path) -> Iterator[Path]:

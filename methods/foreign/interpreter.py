@@ -1,4 +1,4 @@
-"""Which Python runs a worker, and what it has: asked once a process, nothing heavy is imported."""
+"""Which Python runs a method, and what it has: asked once a process, nothing heavy is imported."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.core.errors import MissingPart
-from methods.foreign.method_file import MethodFile, Worker
+from methods.foreign.method_file import MethodFile
 
 _LIMIT_S = 60
 #: Standard library only, for any Python from 3.8 on. A module's package is where its top-level name
@@ -78,18 +78,23 @@ class Interpreter:
         """Whether it is another one than the harness's own."""
         return self.python is not None
 
-    def packages(self, worker: Worker) -> Packages:
-        """What it has of what a worker needs; asked once a process.
+    def packages(self, name: str, modules: tuple[str, ...], install: str) -> Packages:
+        """What it has of the modules that a method needs; asked once a process.
+
+        Args:
+            name: Of the method, for messages.
+            modules: The digest is that of the last one's package.
+            install: The next command where something is missing.
 
         Raises:
             MissingPart: no such interpreter, one that does not run, or modules that it lacks.
         """
-        return _packages(self, worker)
+        return _packages(self, name, modules, install)
 
 
 @dataclass(frozen=True, slots=True)
 class Packages:
-    """What an interpreter has for a worker.
+    """What an interpreter has for a method.
 
     Attributes:
         python: Its version.
@@ -111,7 +116,7 @@ class Packages:
 
 
 def environment_of(interpreter: Interpreter, base: Mapping[str, str]) -> dict[str, str]:
-    """The environment variables of a worker: those of the harness, with the interpreter's path.
+    """The environment variables of a method: those of the harness, with the interpreter's path.
 
     A foreign interpreter does not get ours: packages that are on it would hide its own.
     """
@@ -128,10 +133,12 @@ def environment_of(interpreter: Interpreter, base: Mapping[str, str]) -> dict[st
 
 
 @functools.lru_cache
-def _packages(interpreter: Interpreter, worker: Worker) -> Packages:
+def _packages(
+    interpreter: Interpreter, name: str, modules: tuple[str, ...], install: str
+) -> Packages:
     try:
         process = subprocess.run(
-            [interpreter.program, "-c", _PROBE, *worker.modules],
+            [interpreter.program, "-c", _PROBE, *modules],
             capture_output=True,
             text=True,
             timeout=_LIMIT_S,
@@ -140,31 +147,27 @@ def _packages(interpreter: Interpreter, worker: Worker) -> Packages:
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise MissingPart(
-            f"the interpreter of '{worker.name}' does not run: {interpreter.program}",
+            f"the interpreter of '{name}' does not run: {interpreter.program}",
             got=str(error),
-            hint=_with_python(worker),
+            hint=f"Run: {install}",
         ) from error
     lines = [line for line in process.stdout.splitlines() if line.startswith("@found ")]
     if process.returncode or not lines:
         tail = (process.stderr.strip().splitlines() or [f"exit status {process.returncode}"])[-1]
         raise MissingPart(
-            f"the interpreter of '{worker.name}' does not run: {interpreter.program}",
+            f"the interpreter of '{name}' does not run: {interpreter.program}",
             got=tail,
-            hint=_with_python(worker),
+            hint=f"Run: {install}",
         )
     found = json.loads(lines[-1].removeprefix("@found "))
     if found["missing"]:
         raise MissingPart(
-            f"{interpreter.program} does not have what '{worker.name}' needs",
-            expected=", ".join(worker.modules),
+            f"{interpreter.program} does not have what '{name}' needs",
+            expected=", ".join(modules),
             got=f"no {', '.join(found['missing'])}",
-            hint=f"Run: {worker.install}",
+            hint=f"Run: {install}",
         )
     return Packages(found["python"], found["versions"], found["sha256"], found["place"])
-
-
-def _with_python(worker: Worker) -> str:
-    return f"Import '{worker.name}' again with --python and an interpreter that runs"
 
 
 _ENGINES = ("docker", "podman")

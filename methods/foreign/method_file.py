@@ -1,17 +1,18 @@
-"""``method.toml`` of a whole method: photos in a folder, a command, one mesh file.
+"""``method.toml`` of a method: photos in a folder, a command, one result back.
 
-    name = "voxel-carving"
-    title = "Voxel carving in one file"
-    licence = "Apache-2.0"
-    command = ["{python}", "run.py", "--photos", "{photos}", "--out", "{mesh}"]
-    python = ".venv/bin/python"                       # or conda = "NAME", or image = "NAME"
-    privileges = ["known_cameras", "exact_masks"]
-    views = [0, 2, 4, 6]                              # counted from the front; all without it
-    deterministic = true
-    [settings.carve]
-    voxel_m = 0.02
-
-A worker of a method that runs here has another form (``methods.foreign.method_file``).
+name = "voxel-carving"
+title = "Voxel carving in one file"
+licence = "Apache-2.0"
+command = ["{python}", "run.py", "--photos", "{photos}", "--out", "{result}"]
+result = "mesh"                                   # or depth, points, gaussians
+python = ".venv/bin/python"                       # or conda = "NAME", or image = "NAME"
+privileges = ["known_cameras", "exact_masks"]
+views = [0, 2, 4, 6]                              # counted from the front; all without it
+deterministic = true
+[settings.carve]
+voxel_m = 0.02
+[recipe]                                          # what a recipe needs from its user
+source = "https://example.org/code"
 """
 
 from __future__ import annotations
@@ -21,77 +22,19 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from typing import TypeVar
 
 from harness.core.errors import DataError
 from harness.core.files.names import NAME_RULE, is_name
-from harness.core.files.reach import named_path
 from harness.core.protocols import Privilege
 from harness.core.typed_json import from_json, to_json
 from harness.files.mesh_files import MESH_SUFFIXES
+from methods.points.alignment import ALIGNMENTS
 
-T = TypeVar("T")
-MANIFEST = "method.toml"
-#: What a command may have filled in.
-WORDS = ("python", "start", "parent", "script", "request", "answer")
-_COMMAND = ("{python}", "{start}", "{parent}", "{script}", "{request}", "{answer}")
+METHOD_FILE = "method.toml"
+Value = bool | int | float | str
 
 
-@dataclass(frozen=True, slots=True)
-class Worker:
-    """One worker.
-
-    Attributes:
-        name: What it is called in messages.
-        folder: Where its ``method.toml`` lies.
-        script: The one file that runs, in that folder.
-        modules: What has to be importable; the digest of the last one's package is recorded.
-        install: How the user gets these.
-        licence: Licence of the last module's package.
-        command: Its words.
-    """
-
-    name: str
-    folder: Path
-    script: str
-    modules: tuple[str, ...]
-    install: str
-    licence: str
-    command: tuple[str, ...] = _COMMAND
-
-    @property
-    def script_path(self) -> Path:
-        """The file that runs, which lies in the folder."""
-        return named_path(self.folder / MANIFEST, self.script)
-
-    def words(self, filled: Mapping[str, str]) -> list[str]:
-        """The command with the words in braces filled in."""
-        found: list[str] = []
-        for word in self.command:
-            for name, text in filled.items():
-                word = word.replace(f"{{{name}}}", text)
-            found.append(word)
-        return found
-
-
-def read_worker(folder: Path) -> Worker:
-    """The worker that a folder's ``method.toml`` describes.
-
-    Raises:
-        DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
-    """
-    path = folder / MANIFEST
-    worker = read_described(Worker, path, "a description of a worker")
-    _check_command(path, worker)
-    return worker
-
-
-def read_described(kind: type[T], path: Path, noun: str) -> T:
-    """What a TOML file describes: a dataclass whose ``folder`` is that of the file.
-
-    Raises:
-        DataError: no such file, not TOML, or entries that are missing, unknown or of another type.
-    """
+def _entries(path: Path, noun: str) -> dict[str, object]:
     try:
         entries = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -100,36 +43,31 @@ def read_described(kind: type[T], path: Path, noun: str) -> T:
         raise DataError(f"{path} is not TOML: {error}") from error
     if "folder" in entries:
         raise DataError(f"{path} is not {noun}", got="an entry 'folder'")
-    left: dict[str, object] = {"folder": str(path.parent)}
+    return entries
+
+
+def _filled(kind: type[object], entries: Mapping[str, object]) -> dict[str, object]:
+    """The entries of a dataclass, with the defaults of those that are not there."""
+    left: dict[str, object] = {}
     for each in fields(kind):  # pyright: ignore[reportArgumentType]
         if each.default is not MISSING:
             left[each.name] = to_json(each.default)
         elif each.default_factory is not MISSING:
             left[each.name] = to_json(each.default_factory())
-    return from_json(kind, {**left, **entries}, path, noun)
+    return {**left, **entries}
 
 
-def _check_command(path: Path, worker: Worker) -> None:
-    if not worker.script_path.is_file():
-        raise DataError(f"{path} names a script that is not there", got=worker.script)
-    left = worker.words(dict.fromkeys(WORDS, ""))
-    if any("{" in word for word in left):
-        raise DataError(
-            f"{path} has a command with unknown words",
-            expected=", ".join(f"{{{word}}}" for word in WORDS),
-            got=" ".join(worker.command),
-        )
-    for needed in ("{request}", "{answer}"):
-        if not any(needed in word for word in worker.command):
-            raise DataError(f"the command in {path} does not take {needed}")
-
-
-METHOD_FILE = MANIFEST
-Value = bool | int | float | str
-
-#: Words of a command that are filled in for each subject; both of the first are needed.
-_NEEDED = ("photos", "mesh")
-_WORDS = (*_NEEDED, "python", "folder", "seed")
+#: What a command may have filled in; one of the first, which name its answer, and photos it needs.
+_ANSWER = ("result", "mesh")
+_WORDS = (*_ANSWER, "photos", "python", "folder", "seed", "weights", "checkout")
+#: Kinds of results, and the file that each is by default.
+RESULTS = {
+    "mesh": "mesh.ply",
+    "depth": "depth.npz",
+    "points": "points.ply",
+    "gaussians": "gaussians.ply",
+}
+_FRAMES = ("world", "own")
 _BRACES = re.compile(r"\{([^{}]*)\}")
 _ROOM = re.compile(r"[a-z][a-z0-9_]*")
 #: What stands before a command must not be taken for an option of conda or of a container engine.
@@ -138,7 +76,64 @@ _IMAGE = re.compile(r"[a-z0-9][\w.:/@-]*", re.ASCII)
 _PROGRAM = re.compile(r"(?!-)(?:\{(?:python|folder)\}|[^{}])+")
 _UPS = ("+y", "+z")
 #: What only a method in this process can be handed.
-_NOT_LENT = (Privilege.GROUND_TRUTH_MESH, Privilege.ORACLE_NORMALS, Privilege.MADE_ELSEWHERE)
+_NOT_LENT = (
+    *(Privilege.GROUND_TRUTH_MESH, Privilege.ORACLE_NORMALS),
+    *(Privilege.MADE_ELSEWHERE, Privilege.OWN_FRAME),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Download:
+    """Something that the user gets.
+
+    Attributes:
+        what: Which file or folder.
+        get: Where from, and with which registration.
+        sha256: Its sum as it is published; empty where nobody publishes one.
+    """
+
+    what: str
+    get: str
+    sha256: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a recipe needs from its user.
+
+    Attributes:
+        source: Where the method's code is.
+        commit: Which state of it the recipe was written for; empty for a released package.
+        environment: File of pinned packages in the recipe's folder: ``.txt`` for a virtual
+            environment, ``.yml`` for conda.
+        modules: What its interpreter can import then; a digest of the last one's package is
+            recorded, unless there is a checkout.
+        checkout: Files that a checkout of the source has, with what was put into it; none where an
+            installed package is enough.
+        weights: Files that the folder of weights has; none where a file is named.
+        network: What the weights are, with their licence; empty where there are none.
+        network_licence: Their licence.
+        downloads: What the user gets.
+        gated: What has to be accepted for that, by a person; empty for nothing.
+        gpu_gib: Memory of the GPU that it needs; 0 for none.
+        view_gib: Main memory that it needs for each photo of ``network.side`` pixels as set by
+            default, besides its weights and 1 GiB; 0 where nobody knows.
+        untested: What of it was not run where the recipe was written.
+    """
+
+    source: str
+    commit: str = ""
+    environment: str = ""
+    modules: tuple[str, ...] = ()
+    checkout: tuple[str, ...] = ()
+    weights: tuple[str, ...] = ()
+    network: str = ""
+    network_licence: str = ""
+    downloads: tuple[Download, ...] = ()
+    gated: str = ""
+    gpu_gib: float = 0.0
+    view_gib: float = 0.0
+    untested: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,10 +156,15 @@ class MethodFile:
         needs_perspective: As in ``MethodInfo``.
         trained_on: As in ``MethodInfo``.
         deterministic: Whether the seed changes nothing.
-        mesh: Name of the mesh file that it writes.
+        result: What it writes, one of ``RESULTS``.
+        mesh: Name of the file that it writes; empty is that of ``RESULTS``.
+        frame: ``world``, or ``own`` for a result in a unit and axes of its own.
+        align: How the harness may bring its points to metres, the first by default: of
+            ``ALIGNMENTS``.
         up: The vertical axis of poses and mesh: ``+y`` (the subject faces +Z) or ``+z`` (it faces
             -Y, as in Blender and nerfstudio).
         settings: What a user may change, by room.
+        recipe: What its user has to bring; None for a method that is there.
     """
 
     folder: Path
@@ -182,11 +182,27 @@ class MethodFile:
     needs_perspective: str = ""
     trained_on: tuple[str, ...] = ()
     deterministic: bool = False
-    mesh: str = "mesh.ply"
+    result: str = "mesh"
+    mesh: str = ""
+    frame: str = "world"
+    align: tuple[str, ...] = ()
     up: str = "+y"
     settings: Mapping[str, Mapping[str, Value]] = field(
         default_factory=dict[str, Mapping[str, Value]]
     )
+    recipe: Needs | None = None
+
+    @property
+    def answer(self) -> str:
+        """Name of the file that it writes."""
+        return self.mesh or RESULTS[self.result]
+
+    @property
+    def alignments(self) -> tuple[str, ...]:
+        """How its points may be brought to metres; the first is the default."""
+        if self.align or self.frame == "world":
+            return self.align or ("native_posed",)
+        return tuple(mode for mode in ALIGNMENTS if mode != "native_posed")
 
     @property
     def path(self) -> Path:
@@ -213,7 +229,16 @@ def read_method(path: Path) -> MethodFile:
     if path.name != METHOD_FILE:
         raise DataError(f"{path} does not describe a method", expected=f"a file {METHOD_FILE}")
     place = path.parent.resolve() / path.name
-    method = read_described(MethodFile, place, "a description of a method")
+    noun = "a description of a method"
+    entries = _filled(MethodFile, {"folder": str(place.parent), **_entries(place, noun)})
+    if isinstance(needs := entries["recipe"], dict):
+        downloads = needs.get("downloads", ())
+        if isinstance(downloads, list):
+            needs["downloads"] = [
+                _filled(Download, each) if isinstance(each, dict) else each for each in downloads
+            ]
+        entries["recipe"] = _filled(Needs, needs)
+    method = from_json(MethodFile, entries, place, noun)
     if problem := _problem(method):
         raise DataError(f"{path} does not describe a method that can run: {problem}")
     return method
@@ -230,7 +255,13 @@ def _problem(method: MethodFile) -> str:
     given = [*method.command, *(str(v) for own in method.settings.values() for v in own.values())]
     words = [word for text in method.command for word in _BRACES.findall(text)]
     unknown = [word for word in words if word not in (*_WORDS, *settings)]
-    left = [word for word in _NEEDED if word not in words]
+    left = [] if "photos" in words else ["photos"]
+    left += [] if any(word in words for word in _ANSWER) else ["result"]
+    suffixes = (
+        MESH_SUFFIXES
+        if method.result == "mesh"
+        else (Path(RESULTS.get(method.result, ".")).suffix,)
+    )
     problems = {
         f"{', '.join(unshown)} must be a line of text": bool(unshown),
         "settings must be named in small letters, such as voxel_m below [settings.carve]": any(
@@ -256,9 +287,11 @@ def _problem(method: MethodFile) -> str:
         "deterministic says that there is no seed, and the command takes {seed}": (
             method.deterministic and method.uses_seed
         ),
-        f"mesh must be a file name that ends in {' '.join(MESH_SUFFIXES)}": Path(method.mesh).name
-        != method.mesh
-        or Path(method.mesh).suffix not in MESH_SUFFIXES,
+        f"result must be {' or '.join(RESULTS)}": method.result not in RESULTS,
+        f"frame must be {' or '.join(_FRAMES)}": method.frame not in _FRAMES,
+        f"align must be of {', '.join(ALIGNMENTS)}": not {*method.align} <= {*ALIGNMENTS},
+        f"mesh must be a file name that ends in {' '.join(suffixes)}": bool(method.mesh)
+        and (Path(method.mesh).name != method.mesh or Path(method.mesh).suffix not in suffixes),
         f"up must be {' or '.join(_UPS)}": method.up not in _UPS,
         f"{method.conda!r} cannot be the name of a conda environment": bool(method.conda)
         and not _CONDA.fullmatch(method.conda),

@@ -1,1 +1,1 @@
-"""The methods that make points into a surface, one module for each family of them."""
+"""The built-in methods that make points into a surface, a module for each."""

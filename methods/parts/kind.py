@@ -204,9 +204,6 @@ KINDS = Registry(
         "normals-onnx": "methods.normals.estimators:NETWORKS",
         "masks-onnx": "methods.masks:MASK_NETWORKS",
         "lpips": "methods.perceptual:LPIPS",
-        "vggt": "methods.feedforward.parts:VGGT_KIND",
-        "da3": "methods.feedforward.parts:DA3_KIND",
-        "mapanything": "methods.feedforward.parts:MAPANYTHING_KIND",
     },
 )
 

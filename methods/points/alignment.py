@@ -20,7 +20,8 @@ from methods.points.cloud import OrientedPoints
 #: ``known_cameras``: the estimated depth in the known cameras; only its scale is from the former.
 #: ``native_posed``: the source worked with the known cameras itself.
 #: ``oracle_icp``: as the first, then moved onto the scan: a privilege, and never ranked.
-ALIGNMENTS = ("sim3_cameras", "known_cameras", "native_posed", "oracle_icp")
+#: ``protocol``: left in the source's own world; the metric protocol's alignment is all there is.
+ALIGNMENTS = ("sim3_cameras", "known_cameras", "native_posed", "oracle_icp", "protocol")
 
 #: Points that are asked, evenly chosen; rounds; and the share of pairs that count, nearest first.
 _ASKED, _ROUNDS, _COUNTED = 20_000, 40, 0.8

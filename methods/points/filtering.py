@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -152,6 +152,23 @@ class MeshSettings:
         check_range("trim", self.trim, 0.0, 0.9)
 
 
+@dataclass(frozen=True, slots=True)
+class SurfaceRooms:
+    """The settings of the steps, by room."""
+
+    align: AlignSettings = field(default_factory=AlignSettings)
+    keep: KeepSettings = field(default_factory=KeepSettings)
+    mesh: MeshSettings = field(default_factory=MeshSettings)
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Mapping[str, object]]) -> SurfaceRooms:
+        """Those among a method's parameters; the defaults where it has none."""
+        kinds = {"align": AlignSettings, "keep": KeepSettings, "mesh": MeshSettings}
+        return cls(
+            **{name: kinds[name](**parameters[name]) for name in kinds if name in parameters}
+        )
+
+
 #: The mask holds pixels that the subject covers at least half of.
 _COVERED = 0.5
 #: Flatter angles do not make pixels' points any further apart: depth edges are cut by then.
@@ -247,7 +264,7 @@ def kept_points(views: Sequence[WorldDepth], settings: KeepSettings) -> Kept:
     )
     keep = _near_others(joined.positions, spacing, settings)
     shares["outliers"] = float(keep.mean()) if len(keep) else 0.0
-    _refuse_nothing(shares)
+    refuse_nothing(shares)
     owner = np.repeat(np.arange(len(views)), [len(each) for each in points])
     left = np.bincount(owner[keep], minlength=len(views))
     covered = [max(1, int(view.covered.sum())) for view in views]
@@ -265,7 +282,12 @@ def _shares(views: Sequence[WorldDepth], steps: Mapping[str, Sequence[Mask]]) ->
     return shares
 
 
-def _refuse_nothing(shares: Mapping[str, float]) -> None:
+def refuse_nothing(shares: Mapping[str, float]) -> None:
+    """Nothing, if every step kept some.
+
+    Raises:
+        MethodError: one did not; with what each kept.
+    """
     empty = next((name for name, share in shares.items() if share == 0.0), None)
     if empty is not None:
         raise MethodError(

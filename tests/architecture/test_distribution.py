@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = {"harness", "renderers", "methods", "metrics", "reports"}
+PACKAGES = {"harness", "renderers", "methods", "metrics", "reports", "recipes"}
 #: The program beside them.
 PROGRAM = "mexecon_harness.py"
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 #: Data files that packages may carry beside their modules.
-SHIPPED_DATA = {".csv", ".yaml", ".json", ".toml"}
+SHIPPED_DATA = {".csv", ".yaml", ".yml", ".json", ".toml", ".txt"}
 #: What every page of a run is shipped with: style, code, three.js with its licence.
 PAGE = "reports/page/web"
 #: Where published results lie, likewise.
@@ -93,7 +93,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
         return archive.namelist()
 
 
-def test_the_wheel_holds_the_five_packages_the_program_and_the_manifest(wheel: list[str]) -> None:
+def test_the_wheel_holds_the_packages_the_program_and_the_manifest(wheel: list[str]) -> None:
     code = [name for name in wheel if ".dist-info/" not in name]
 
     assert {name.split("/")[0] for name in code} == {*PACKAGES, PROGRAM}
@@ -109,13 +109,12 @@ def test_the_wheel_holds_the_five_packages_the_program_and_the_manifest(wheel: l
     assert types <= set(unexpected) <= {*types, f"{PUBLISHED}/PROVENANCE.md"}
 
 
-def test_the_wheel_holds_the_manifest_of_every_worker(wheel: list[str]) -> None:
-    manifests = {
-        path.relative_to(ROOT).as_posix() for path in (ROOT / "methods").rglob("method.toml")
-    }
+def test_the_wheel_holds_every_recipe_whole(wheel: list[str]) -> None:
+    files = {path.relative_to(ROOT).as_posix() for path in (ROOT / "recipes").rglob("*.*")}
+    files = {name for name in files if "__pycache__" not in name}
 
-    assert manifests
-    assert manifests <= set(wheel)
+    assert {f"recipes/{name}/method.toml" for name in ("vggt", "2dgs", "econ-authors")} <= files
+    assert files <= set(wheel)
 
 
 def test_the_wheel_holds_what_pages_are_shipped_with(wheel: list[str]) -> None:

@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 
 from harness.core.artifacts import Capture
+from harness.core.results import PhotoFrame
 from harness.files.mesh_files import load_mesh
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
-from methods.feedforward.kin import decoded_cameras
-from methods.feedforward.parts import VGGT
-from methods.points.cloud import fitted_frame, fitted_picture
-from tests.unit.methods.feedforward.conftest import (
+from tests.unit.methods.recipes.conftest import (
+    decoded_cameras,
+    exchange,
     fake_package,  # noqa: F401
     foreign_python,  # noqa: F401
-    parts_folder,  # noqa: F401
+    installed,
+    recipes_folder,  # noqa: F401
     weights,  # noqa: F401
     write_answer,
 )
-from tests.unit.methods.feedforward.test_vggt import encoded
+from tests.unit.methods.recipes.test_vggt import encoded
 
 pytestmark = pytest.mark.nightly
 
@@ -32,15 +33,15 @@ SIDE = 196
 def test_without_weights_no_photo_is_made_and_the_next_command_is_said(
     world: Path,
     harness,
-    parts_folder,  # noqa: F811
+    recipes_folder,  # noqa: F811
 ):
     run = harness("eval", "--dataset", "toy", "--recipe", "tiny", "--method", "vggt8")
     assert run.returncode == 4
-    assert "harness parts import vggt model.pt" in run.stderr
+    assert "harness recipes install vggt" in run.stderr
     assert "Traceback" not in run.stderr
     assert not (world / "captures").exists()
     listed = json.loads(harness("methods", "list", "--json").stdout)
-    assert set(listed["missing"]) == {"vggt8", "vggt2", "da3-8", "mapanything8"}
+    assert {"vggt8", "vggt2", "da3-8", "mapanything8", "econ-authors"} <= set(listed["missing"])
     found = json.loads(harness("doctor", "--json").stdout)
     (finding,) = [
         entry
@@ -57,14 +58,14 @@ def test_from_a_package_to_a_row_of_a_table(
     harness,
     photographed,
     monkeypatch,
-    parts_folder,  # noqa: F811
+    recipes_folder,  # noqa: F811
     weights,  # noqa: F811
     foreign_python,  # noqa: F811
 ):
     answer = world / "answer.npz"
     say(world, answer, "t1")
     monkeypatch.setenv("FAKE_VGGT", str(answer))
-    VGGT.add(weights, foreign_python)
+    installed("vggt", foreign_python, weights)
     settings = [f"network.side={SIDE}", "mesh.depth=6", "keep.normal_px=1", "keep.edge=0.03"]
     run = eval_toy("vggt8", "--subjects", "t1", *(f"--set={each}" for each in settings))
     assert run.returncode == 0, run.stderr
@@ -73,10 +74,12 @@ def test_from_a_package_to_a_row_of_a_table(
 
     record = json.loads((world / "runs" / "main" / "vggt8" / "t1" / "record.json").read_text())
     assert record["method"]["title"] == "VGGT, 8 views, sim3_cameras"
-    assert [part["role"] for part in record["method"]["parts"]] == ["network", "package"]
+    assert [part["role"] for part in record["method"]["parts"]] == [
+        *("program", "environment", "network", "package")
+    ]
     assert record["details"]["kept_shares"]["mask"] > 0.5
     assert record["details"]["source"]["run_s"] >= 0
-    assert "methods.feedforward.workers.vggt.worker" in record["inputs"]["code"]
+    assert "methods.points.surfacing" in record["inputs"]["code"]
     (row,) = json.loads(harness("report", "--table", "geometry", "--format", "json").stdout)["rows"]
     assert row["method"] == "vggt8"
     assert row["metrics"]["p2s_accuracy"]["mean"] < 15
@@ -91,8 +94,9 @@ def say(world: Path, path: Path, subject: str) -> None:
     images, poses, depths = [], [], []
     for view in range(8):
         photo = open_photo(capture, view)
-        frame = fitted_frame(photo.camera.size, SIDE, 14, "pad")
-        images.append(fitted_picture(photo.rgba, frame, 255))
+        seen = exchange.fitted(photo.rgba, SIDE, 14, "pad", 255)
+        frame = PhotoFrame(photo.camera.size, seen.resized, seen.shift, (SIDE, SIDE))
+        images.append(seen.picture)
         poses.append(encoded(frame.camera(photo.camera)).astype(np.float32))
         (there,) = decoded_cameras(poses[-1][None], frame.size)
         depths.append(np.nan_to_num(caster.depth(there), nan=9.0).astype(np.float32))

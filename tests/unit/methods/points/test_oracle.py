@@ -11,9 +11,8 @@ from harness.core.errors import HarnessError, MethodError
 from harness.core.protocols import Privilege
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import open_edges
-from methods.from_points.oracle8 import oracle8_points
-from methods.points.method import PointsMethod
-from methods.points.sources import DepthSettings, RenderedDepth
+from methods.from_points.oracle8 import RenderedDepth, oracle8_points
+from methods.points.surfacing import reconstructed
 from metrics.cameras import camera_errors
 
 FAST = {"mesh.depth": "6", "mesh.cell_m": "0.01", "depth.longest_px": "240"}
@@ -35,7 +34,7 @@ def errors_m(mesh, truth):
 @pytest.mark.parametrize("mode", ["sim3_cameras", "known_cameras", "native_posed", "oracle_icp"])
 def test_a_sphere_comes_back_whatever_world_its_depth_was_in(mode, capture, context, ball):
     method = oracle8_points.configured({**FAST, "align.mode": mode})
-    result = method.reconstruct(capture, context)
+    result = reconstructed(method, capture, context)
     there, back = errors_m(result.mesh, ball)
     assert there.mean() < 0.001
     assert back.mean() < 0.001
@@ -58,8 +57,8 @@ def test_a_sphere_comes_back_whatever_world_its_depth_was_in(mode, capture, cont
 
 
 def test_two_opposite_views_are_aligned_too(capture, context, ball):
-    pair = PointsMethod("oracle2", (0, 4), RenderedDepth()).configured(FAST)
-    result = pair.reconstruct(capture, context)
+    pair = RenderedDepth((0, 4)).configured(FAST)
+    result = reconstructed(pair, capture, context)
     assert result.details["alignment"]["centre_rms_mm"] < 1e-3
     there, _ = errors_m(result.mesh, ball)
     assert np.median(there) < 0.005
@@ -71,7 +70,7 @@ def test_one_percent_of_noise_costs_less_than_itself(smooth, capture, context, b
     settings = {**FAST, "depth.noise": "0.01", "depth.noise_px": str(smooth)}
     noisy = oracle8_points.configured({**settings, "keep.edge": "0.1", "keep.consistency_m": "0.1"})
     assert "1.0% noise" in noisy.info.title
-    result = noisy.reconstruct(capture, context)
+    result = reconstructed(noisy, capture, context)
     there, back = errors_m(result.mesh, ball)
     assert 0.001 < there.mean() < 0.02
     assert back.mean() < 0.02
@@ -80,9 +79,9 @@ def test_one_percent_of_noise_costs_less_than_itself(smooth, capture, context, b
 @pytest.mark.nightly
 def test_equal_seeds_give_equal_meshes_and_others_other_noise(capture, context):
     noisy = oracle8_points.configured({**FAST, "depth.noise": "0.002"})
-    first, second = (noisy.reconstruct(capture, context).mesh for _ in range(2))
+    first, second = (reconstructed(noisy, capture, context).mesh for _ in range(2))
     np.testing.assert_array_equal(first.vertices, second.vertices)
-    other = noisy.reconstruct(capture, replace(context, seed=8)).mesh
+    other = reconstructed(noisy, capture, replace(context, seed=8)).mesh
     assert first.vertices.shape != other.vertices.shape or (first.vertices != other.vertices).any()
 
 
@@ -93,11 +92,12 @@ def test_the_scan_is_a_privilege_and_icp_too():
 
 def test_without_the_scan_it_says_so(capture, context):
     with pytest.raises(MethodError, match="not lent"):
-        oracle8_points.reconstruct(capture, replace(context, privileged={}))
+        reconstructed(oracle8_points, capture, replace(context, privileged={}))
 
 
 def test_settings_that_cannot_be_are_refused():
     for text in ({"align.mode": "icp"}, {"depth.noise": "2"}, {"mesh.trim": "1"}):
         with pytest.raises(HarnessError, match="cannot be"):
             oracle8_points.configured(text)
-    assert RenderedDepth(DepthSettings(noise=0.01)).title == "Depth of the scan with 1.0% noise"
+    noisy = oracle8_points.configured({"depth.noise": "0.01"})
+    assert noisy.info.title == "Depth of the scan with 1.0% noise, 8 views, sim3_cameras"

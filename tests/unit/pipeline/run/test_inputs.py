@@ -26,7 +26,7 @@ HULL = "methods.hull"
 WITHOUT_BODY = (
     HULL,
     "methods.gt",
-    "methods.from_points.feedforward",
+    "methods.recipes",
     "methods.from_points.oracle8",
 )
 INFO = MethodInfo(

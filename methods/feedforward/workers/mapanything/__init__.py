@@ -1,1 +1,0 @@
-"""MapAnything, run by the user's own installation of its package."""

@@ -1,1 +1,0 @@
-"""VGGT, run by the user's own installation of the ``vggt`` package."""
