@@ -19,7 +19,7 @@ from harness.geometry.images import resampled
 from harness.geometry.outline import Outline
 from harness.geometry.place import MEAN_HEIGHT_M, place_of
 from harness.geometry.raycast import Raycaster
-from harness.photos.world import FileToWorld, up_of_cameras
+from harness.photos.world import up_of_cameras, upright
 from methods.hull import HullSettings, hull_of
 
 #: Silhouettes are compared on pictures of at most this many pixels along the longer side.
@@ -176,8 +176,8 @@ def other_reading(
 
 
 def _agrees(cameras: list[Camera], coverages: list[Bytes]) -> float:
-    upright = FileToWorld.upright(up_of_cameras(cameras))
-    return hull_agreement([upright.camera(c) for c in cameras], coverages, coarse=True).mean
+    world = upright(up_of_cameras(cameras))
+    return hull_agreement([world.camera(c) for c in cameras], coverages, coarse=True).mean
 
 
 Reading = Callable[[list[Camera], list[Bytes]], tuple[list[Camera], list[Bytes]]]

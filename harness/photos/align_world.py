@@ -15,10 +15,11 @@ from harness.core.errors import DataError, HarnessError
 from harness.data.lens import ForeignCameras
 from harness.data.scans import PLAUSIBLE_HEIGHT_M
 from harness.geometry.place import MEAN_HEIGHT_M
+from harness.geometry.similarity import Similarity
 from harness.photos.agreement import Agreement, hull_agreement, odd_views, other_reading
 from harness.photos.load_photos import TakenView
 from harness.photos.request import AUTO, ORIGINS, POSSIBLE_HEIGHT_M, ImportRequest, check_height
-from harness.photos.world import FileToWorld, parsed_axis, stance_of, up_of_cameras
+from harness.photos.world import parsed_axis, stance_of, up_of_cameras, upright
 
 #: Exact masks and cameras of generated people agree to 0.994 and more, mirrored photos of them to
 #: 0.85 to 0.91. Below the first, other readings of the cameras are tried; below the second, masks
@@ -45,7 +46,7 @@ class Placed:
         warnings: What a reader of results should know.
     """
 
-    world: FileToWorld
+    world: Similarity
     front_yaw_deg: float
     height_m: float
     iou: tuple[float, ...]
@@ -142,13 +143,13 @@ def placed(
         HarnessError: what was not said cannot be found, or photos contradict cameras.
         MissingPart: MediaPipe is needed, and not installed.
     """
-    upright = FileToWorld.upright(up, np.array([0.0, 0.0, 1.0]) if foreign.in_world else None)
-    cameras = [upright.camera(view.camera) for view in views]
+    standing = upright(up, np.array([0.0, 0.0, 1.0]) if foreign.in_world else None)
+    cameras = [standing.camera(view.camera) for view in views]
     agreement = hull_agreement(cameras, [view.coverage for view in views])
     warnings = _contradictions(request, cameras, views, agreement)
     scale, scale_note = _scale(request, foreign, agreement)
     forward, facing_note = _front(request, foreign, up, views, folder)
-    turned = FileToWorld.upright(up, forward)
+    turned = upright(up, forward)
     assert agreement.bounds is not None
     height_m = scale * float(agreement.bounds[1, 1] - agreement.bounds[0, 1])
     low, high = PLAUSIBLE_HEIGHT_M
@@ -156,11 +157,11 @@ def placed(
         warnings.append(
             f"the person is {height_m:.2f} m high, outside {low} to {high} m: check --scale"
         )
-    middle = agreement.bounds.mean(axis=0) @ upright.rotation  # back in the file's axes
+    middle = agreement.bounds.mean(axis=0) @ standing.rotation  # back in the file's axes
     keeps = foreign.in_world or request.origin == "file"
     shift = np.zeros(3) if keeps else -scale * (turned.rotation @ middle)
     return Placed(
-        world=FileToWorld(turned.rotation, scale, shift),
+        world=Similarity(scale, turned.rotation, shift),
         front_yaw_deg=foreign.front_yaw_deg if foreign.in_world else 0.0,
         height_m=height_m,
         iou=agreement.iou,

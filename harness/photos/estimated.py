@@ -19,11 +19,11 @@ from harness.data.lens import ForeignCameras, ForeignView
 from harness.data.pictures import find_mask, find_photos, photo_folder, picture_facts
 from harness.geometry.images import load_rgba
 from harness.geometry.place import MEAN_HEIGHT_M
+from harness.geometry.similarity import Similarity
 from harness.photos.load_photos import TakenView
 from harness.photos.matching import MatchedPhoto
 from harness.photos.one_photo import check_field, level_camera
 from harness.photos.request import AUTO, ImportRequest, check_height
-from harness.photos.world import FileToWorld
 from harness.run.uncalibrated import ESTIMATE
 from methods.cameras.estimate import estimate_cameras, refine_cameras
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
@@ -131,7 +131,7 @@ def estimated(
     return _posed(views, found, folder, {ESTIMATE: told}, notes)
 
 
-def posed_in(world: FileToWorld, views: Sequence[TakenView]) -> Posed:
+def posed_in(world: Similarity, views: Sequence[TakenView]) -> Posed:
     """Photos with the cameras of their file, world metres."""
     cameras = [world.camera(view.camera) for view in views]
     moved = tuple(replace(v, camera=c) for v, c in zip(views, cameras, strict=True))

@@ -29,7 +29,7 @@ from harness.geometry.place import place_of
 from harness.photos.agreement import hull_agreement
 from harness.photos.masks import MaskMaker, by_mediapipe, cut_sides, one_person, shows_others
 from harness.photos.matching import MatchedPhoto
-from harness.photos.world import FileToWorld, quarters_upright
+from harness.photos.world import quarters_upright, upright
 
 Made = TypeVar("Made")
 
@@ -224,8 +224,8 @@ def _reading(
         return common[0], []
     scores = {reading: _agreement(photos, up, reading, maker) for reading in common}
     close = [r for r in common if scores[r] > max(scores.values()) - _TIED]
-    upright = [(turn.quarters, quarters_upright(p.view.camera, up)) for p, turn in turned]
-    best = max(close, key=lambda r: sum(w == (0 if r.camera_shown else q) for q, w in upright))
+    quarters = [(turn.quarters, quarters_upright(p.view.camera, up)) for p, turn in turned]
+    best = max(close, key=lambda r: sum(w == (0 if r.camera_shown else q) for q, w in quarters))
     found = [r for r in close if r.camera_shown == best.camera_shown]
     if len(found) > 1:
         raise DataError(
@@ -246,8 +246,8 @@ def _agreement(
 ) -> float:
     taken = [_upright(photo, up, reading).resized(_TRIED_PX) for photo in photos]
     masks = [_coverage(t, photo, maker)[0] for t, photo in zip(taken, photos, strict=True)]
-    upright = FileToWorld.upright(up)
-    return hull_agreement([upright.camera(t.camera) for t in taken], masks, coarse=True).mean
+    world = upright(up)
+    return hull_agreement([world.camera(t.camera) for t in taken], masks, coarse=True).mean
 
 
 def _coverage(taken: TakenPhoto, photo: MatchedPhoto, maker: MaskMaker) -> tuple[Bytes, str]:

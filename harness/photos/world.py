@@ -12,6 +12,7 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import HarnessError
+from harness.geometry.similarity import Similarity
 from methods.body.photos.detection import Detections, detect
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -65,46 +66,17 @@ def quarters_upright(camera: Camera, up: Floats) -> int:
     return round(float(np.degrees(np.arctan2(x, -y))) / 90.0) % 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FileToWorld:
-    """The similarity from a camera file's world to ours: x_world = scale (R x) + shift.
+def upright(up: Floats, forward: Floats | None = None) -> Similarity:
+    """The turn from a file's axes to ours: +Y up, the person facing +Z.
 
-    Attributes:
-        rotation: (3, 3) from the file's axes to ours (+Y up, the person facing +Z).
-        scale: Metres per unit of the file.
-        shift: (3,) metres.
+    Without a front, some direction across up is taken for it.
     """
-
-    rotation: Floats
-    scale: float
-    shift: Floats
-
-    @classmethod
-    def upright(cls, up: Floats, forward: Floats | None = None) -> FileToWorld:
-        """The rotation alone; without a front, some direction across up is taken for it."""
-        front = np.eye(3)[int(np.argmin(np.abs(up)))] if forward is None else forward
-        level = front - up * float(front @ up)
-        if np.linalg.norm(level) < 1e-6:
-            raise HarnessError(
-                "the front cannot be up", hint="Give --facing a direction across --up"
-            )
-        front = unit(level)
-        return cls(np.stack([np.cross(up, front), up, front]), 1.0, np.zeros(3))
-
-    def camera(self, camera: Camera) -> Camera:
-        """A camera of the file in our world."""
-        pose = np.eye(4)
-        pose[:3, :3] = camera.rotation @ self.rotation.T
-        pose[:3, 3] = self.scale * camera.world_to_camera[:3, 3] - pose[:3, :3] @ self.shift
-        return camera.posed(pose, self.scale)
-
-    @property
-    def matrix(self) -> Floats:
-        """(4, 4) the same as a matrix."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.scale * self.rotation
-        matrix[:3, 3] = self.shift
-        return matrix
+    front = np.eye(3)[int(np.argmin(np.abs(up)))] if forward is None else forward
+    level = front - up * float(front @ up)
+    if np.linalg.norm(level) < 1e-6:
+        raise HarnessError("the front cannot be up", hint="Give --facing a direction across --up")
+    front = unit(level)
+    return Similarity(1.0, np.stack([np.cross(up, front), up, front]), np.zeros(3))
 
 
 #: Landmarks of MediaPipe's body: pairs of left and right at shoulders and hips; the head's.

@@ -1,4 +1,4 @@
-"""The rig figure: estimated and true cameras seen from above, and from the side."""
+"""The rig figure: estimated and true cameras seen from above."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from reports.figures.panels import save
 
-#: World axes to the right and upwards in the two pictures, and their names.
-_SIDES = (((0, 2), "from above"), ((0, 1), "from the front"))
-_TRUE, _FOUND = "0.55", "C3"
 #: Pictures are drawn at this share of a camera's distance.
 _SHARE = 0.12
 
@@ -38,37 +35,33 @@ class RigPanel:
 
 
 def rig_figure(panels: Sequence[RigPanel], path: Path) -> Path:
-    """Draw the rigs of some subjects, a row each; returns the file."""
+    """Draw the rigs of some subjects, side by side; returns the file."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 4.4 * len(panels)), layout="constrained")
-    grid = figure.subplots(len(panels), len(_SIDES), squeeze=False)
-    for row, panel in zip(grid, panels, strict=True):
-        for axes, (plane, words) in zip(row, _SIDES, strict=True):
-            _draw(axes, panel, plane)
-            axes.set_title(f"{panel.title}, {words}", fontsize=9)
-    lines, labels = grid[0][0].get_legend_handles_labels()
+    figure = Figure(figsize=(4.6 * len(panels), 5.0), layout="constrained")
+    grid = figure.subplots(1, len(panels), squeeze=False)[0]
+    for axes, panel in zip(grid, panels, strict=True):
+        _draw(axes, panel)
+    lines, labels = grid[0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     save(figure, path)
     return path
 
 
-def _draw(axes: Any, panel: RigPanel, plane: tuple[int, int]) -> None:
-    right, up = plane
-    axes.scatter(panel.points[:, right], panel.points[:, up], s=0.3, color="0.8", linewidths=0)
+def _draw(axes: Any, panel: RigPanel) -> None:
+    axes.scatter(panel.points[:, 0], panel.points[:, 2], s=0.3, color="0.8", linewidths=0)
     for cameras, colour, width, label in (
-        (panel.known, _TRUE, 2.5, "true"),
-        (panel.found, _FOUND, 0.9, "estimated"),
+        (panel.known, "0.55", 2.5, "true"),
+        (panel.found, "C3", 0.9, "estimated"),
     ):
         for number, camera in enumerate(cameras):
-            x, y = _wedge(camera)[:, [right, up]].T
-            axes.plot(x, y, color=colour, linewidth=width, label=label if not number else None)
+            x, _, z = _wedge(camera).T
+            axes.plot(x, z, color=colour, linewidth=width, label=None if number else label)
     for number, camera in enumerate(panel.known):
-        axes.annotate(str(number), 1.08 * camera.position[[right, up]], fontsize=8, ha="center")
+        axes.annotate(str(number), 1.08 * camera.position[[0, 2]], fontsize=8, ha="center")
     axes.set_aspect("equal")
-    if up == 2:
-        axes.invert_yaxis()  # the front, +Z, is below
-    axes.set_xlabel("m", fontsize=8)
+    axes.invert_yaxis()  # the front, +Z, is below
+    axes.set_title(f"{panel.title}, from above (m)", fontsize=9)
     axes.tick_params(labelsize=7)
     axes.spines[["top", "right"]].set_visible(False)
 

@@ -25,6 +25,7 @@ from harness.run.method_choice import chosen_methods
 from harness.run.plan import EvalRequest, SubjectFiles
 from harness.run.sources import Source
 from harness.run.store import RunStore
+from harness.run.uncalibrated import camera_suffix
 from harness.run.workspace import Workspace
 from methods.cameras.values import EstimatedCameras, PhotoReport
 
@@ -173,3 +174,10 @@ def test_cameras_of_imported_photos_are_told_at_their_import(world):
     manifest = load_manifest(world / "data_manifest.yaml")
     with pytest.raises(HarnessError, match="at their import"):
         Source.select(manifest, Workspace(world), "captures", (), "tiny-uncalibrated")
+
+
+def test_how_cameras_are_known_is_one_of_three_words():
+    assert camera_suffix("given") == ""
+    assert camera_suffix("estimated-all") == "-uncalibrated-all"
+    with pytest.raises(HarnessError, match=r"--cameras known.*given or estimated or estimated-all"):
+        camera_suffix("known")

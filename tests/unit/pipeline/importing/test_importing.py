@@ -20,12 +20,13 @@ from harness.core.protocols import Context, MethodInfo
 from harness.core.rigs import RingRig
 from harness.data.lens import ForeignCameras, ForeignView
 from harness.geometry.images import load_rgba
+from harness.geometry.similarity import Similarity
 from harness.photos.exporting import FORMATS, ExportRequest, export_capture
 from harness.photos.importing import import_photos
 from harness.photos.masks import cut_sides, one_person
 from harness.photos.matching import matched_photos
 from harness.photos.request import ImportRequest
-from harness.photos.world import FileToWorld, parsed_axis, quarters_upright, up_of_cameras
+from harness.photos.world import parsed_axis, quarters_upright, up_of_cameras, upright
 from harness.run.view_choice import views_for
 from methods.hull import HullSettings, VisualHull
 from tests.unit.data.test_capture_files import save_turned, stored_as
@@ -102,7 +103,7 @@ def test_our_own_form_keeps_its_world(native, tmp_path):
 
 def test_scale_up_front_and_origin_are_found(native, tmp_path):
     """Cameras in units of 0.4 m, tilted, turned and shifted, come back to the person's world."""
-    turn = FileToWorld.upright(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0]))
+    turn = upright(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0]))
     moved = []
     for camera in native.cameras:
         pose = camera.world_to_camera.copy()
@@ -452,8 +453,8 @@ def test_pictures_are_turned_until_up_is_up(quarters):
 def test_a_moved_camera_sees_moved_points_where_it_saw_them():
     rng = np.random.default_rng(3)
     up, front = rng.normal(size=(2, 3))
-    world = FileToWorld.upright(up / np.linalg.norm(up), front)
-    world = FileToWorld(world.rotation, 0.3, rng.normal(size=3))
+    world = upright(up / np.linalg.norm(up), front)
+    world = Similarity(0.3, world.rotation, rng.normal(size=3))
     camera = RingRig(views=4).cameras(30, 40)[1]
     points = rng.normal(size=(5, 3)) * 0.5
     moved = points @ world.matrix[:3, :3].T + world.matrix[:3, 3]
