@@ -15,7 +15,7 @@ from methods.cameras.search import Silhouettes, upright
 from methods.cameras.values import GAUGE, EstimatedCameras, PhotoReport, PhotoView, StageReport
 
 #: Views that leave more than this unseen cannot be trusted; photos further apart are not matched.
-_MOST_GAP_DEG, _MATCHED_DEG = 100.0, 65.0
+_MOST_GAP_DEG, _MATCHED_DEG = 110.0, 65.0
 #: Where a pair of photos has this many matches, clothes have features enough.
 _PLENTY = 4 * LEAST_MATCHES
 #: Matches that were held out lie this far from their epipolar lines at most, in the median, metres

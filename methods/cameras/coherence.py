@@ -185,10 +185,14 @@ class OutlineRows:
         """At most so many rays a photo; fewer if there are many photos."""
         count = max(2, len(maps))
         number = int(np.clip(most / 90 * _MOST_RAYS / (count * (count - 1)), 24, most))
+        # A subject that the frame cuts on all sides has no contour.
         chosen = [
-            each.contour[np.linspace(0, len(each.contour) - 1, number).astype(int)] for each in maps
+            each.contour[np.linspace(0, len(each.contour) - 1, number).astype(int)]
+            if len(each.contour)
+            else each.contour
+            for each in maps
         ]
-        views = np.repeat(np.arange(len(maps)), number)
+        views = np.repeat(np.arange(len(maps)), [len(pixels) for pixels in chosen])
         return cls(maps, np.concatenate(chosen), views, *place, sd_m)
 
     def rows(self, rig: Rig) -> Rows:

@@ -38,8 +38,9 @@ LEAST_PHOTOS, MOST_PHOTOS, _SURE_PHOTOS = 5, 64, 6
 _CONFIDENT, _LEAST_LANDMARKS = 0.3, 6
 #: Pixels of the outlines' maps, metres: to begin with and to finish, and rays of a photo then.
 _COARSE_M, _FINE_M, _FINE_RAYS = 0.004, 0.002, 200
-#: Rays are followed so far before and behind the person's middle, in heights.
-_REACH = 0.5
+#: Rays are followed so far before and behind the person's middle, and nobody stands nearer, in
+#: heights.
+_REACH, _NEAREST = 0.5, 0.3
 _HULL_STEP_M = 0.008
 #: So far above a hull's lowest point feet are as wide as their soles.
 _SOLE_M = 0.03
@@ -52,6 +53,10 @@ _SEARCHES = (
     MatchSearch(0.03, 0.0015, 4, 0.0022),
     MatchSearch(0.03, 0.0015, 2, 0.0011),
 )
+#: A given focal length is doubted where outlines, trusted to so many metres, cost less by this
+#: share within so many rounds with one that differs by more than this.
+_OTHER_FOCAL_SD_M, _OTHER_FOCAL_GAIN = 0.001, 0.5
+_OTHER_FOCAL_ROUNDS, _OTHER_FOCAL_PERCENT = 8, 1.5
 #: Given cameras stay where photos would move by less, or two pairs contradict each other by no less
 #: than this share of what they did, as in ``photo_pull.camera_shifts``; asked at about so many
 #: places. Outlines correct them first where they miss by more than ``_CALM_M``, trusted to these.
@@ -89,10 +94,11 @@ def estimate_cameras(
     steps = _Steps(report)
     group = _group(photos, focal, landmarks)
     steps.done("landmarks", {"photos": float(len(group.photos))}, 0.0)
-    rig, given = _by_landmarks(group, height_m)
+    group, rig, given = _by_landmarks(group, height_m)
     group, rig, given = _by_outlines(group, rig, given, np.random.default_rng(seed))
     warnings = check_round(rig, group.reasons)
     rig, given = _finer(group, rig, given, height_m)
+    warnings += _other_focal(rig, given)
     steps.done("outlines", {"missed_mm": 1e3 * given.misses_m(rig)[0]}, 0.0)
 
     def placed(rig: Rig, given: Silhouettes) -> tuple[Rig, Mesh]:
@@ -214,11 +220,17 @@ def _group(photos: Sequence[PhotoView], focal: Focal, landmarks: Detections | No
     return group
 
 
-def _by_landmarks(group: _Group, height_m: float) -> tuple[Rig, Silhouettes]:
+def _by_landmarks(group: _Group, height_m: float) -> tuple[_Group, Rig, Silhouettes]:
     """The rig that landmarks tell, and the outlines at the size that it sees them in."""
-    rig, told = first_rig(group.base, group.told)
-    rig = solved(rig, [LandmarkRows(told, landmark_spans(rig), 0.015)], 40).rig
-    return rig, Silhouettes(_maps(group, rig, _COARSE_M), told, _REACH * height_m)
+    while True:
+        rig, told = first_rig(group.base, group.told)
+        rig = solved(rig, [LandmarkRows(told, landmark_spans(rig), 0.015)], 40).rig
+        depths = rig.depths(rig.points.mean(axis=0))
+        nearest = int(np.argmin(depths))
+        if depths[nearest] > _NEAREST * height_m:
+            maps = _maps(group, rig, _COARSE_M)
+            return group, rig, Silhouettes(maps, told, _REACH * height_m)
+        group = group.without(nearest, "its landmarks are not those of a person before a camera")
 
 
 def _maps(group: _Group, rig: Rig, pixel_m: float) -> tuple[DistanceMap, ...]:
@@ -313,6 +325,19 @@ def _finer(group: _Group, rig: Rig, given: Silhouettes, height_m: float) -> tupl
     return solved(rig, fine.blocks(rig, 0.001, 0.06, _FINE_RAYS), 8).rig, fine
 
 
+def _other_focal(rig: Rig, given: Silhouettes) -> tuple[str, ...]:
+    """A warning where outlines contradict each other much less with another focal length."""
+    if rig.factor_sd:
+        return ()
+    blocks = given.blocks(rig, _OTHER_FOCAL_SD_M, 0.06)
+    freed = solved(replace(rig, factor_sd=0.1), blocks, _OTHER_FOCAL_ROUNDS)
+    percent = 100 * (np.exp(freed.rig.log_factor) - 1)
+    if abs(percent) < _OTHER_FOCAL_PERCENT or freed.gain < _OTHER_FOCAL_GAIN:
+        return ()
+    text = f"the outlines fit a focal length that is {percent:+.1f} % off the one given much better"
+    return (f"{text}: leave it unknown if it is not sure",)
+
+
 def _in_world(rig: Rig, given: Silhouettes, height_m: float, step_m: float) -> tuple[Rig, Mesh]:
     """The rig in metres, +Y up, the person facing +Z about the origin, and the hull there."""
     left = rig.points[[11, 23]].mean(axis=0) - rig.points[[12, 24]].mean(axis=0)
@@ -399,6 +424,8 @@ def refine_cameras(
         MethodError: photos and cameras that contradict each other.
     """
     steps = _Steps(report)
+    if any(camera.is_orthographic for camera in cameras):
+        raise MethodError("orthographic cameras cannot be refined", expected="perspective ones")
     place = place_of([outline_of(photo, c) for photo, c in zip(photos, cameras, strict=True)])
     rig = replace(Rig.of(cameras), points=place.centre[None])
     spans = landmark_spans(rig)
@@ -417,20 +444,24 @@ def refine_cameras(
 
     found, matches = _by_photos(photos, rig, given, (placed, steps))
     warnings = check_matches(found.rig, matches)
-    kept, note = _kept(cameras, found.rig, matches, placed(found.rig, given)[1].vertices)
-    return answer(
+    moved = _better(cameras, found.rig, matches, placed(found.rig, given)[1].vertices)
+    if moved is None:
+        warnings += ("the cameras stay as they were given: no others fit the photos better",)
+    kept = replace(Rig.of(moved or cameras), points=found.rig.points)
+    told = answer(
         (photos, np.arange(len(photos))),
         ([photo.name for photo in photos], {}),
         (replace(found, rig=kept), given, matches),
-        (steps.stages, (*warnings, *note)),
+        (steps.stages, warnings),
         gauge="place, turn and scale of the world are those of the cameras that were given",
     )
+    return replace(told, cameras=tuple(moved or cameras))
 
 
-def _kept(
+def _better(
     given: Sequence[Camera], found: Rig, matches: Matches, places: Floats
-) -> tuple[Rig, tuple[str, ...]]:
-    """The cameras in the world that was given; those that were given where they do as well."""
+) -> list[Camera] | None:
+    """The cameras that were found, in the world of those given; None where those do as well."""
     own = found.cameras([camera.size for camera in given])
     move = camera_similarity(own, given).similarity
     moved = [move.camera(camera) for camera in own]
@@ -439,9 +470,5 @@ def _kept(
         new.project(some)[0] - old.project(some)[0] for new, old in zip(moved, given, strict=True)
     ]
     moved_px = float(np.sqrt((np.stack(by_px) ** 2).sum(axis=2).mean()))
-    before, after = Rig.of(given), replace(Rig.of(moved), points=found.points)
-    gain = contradiction_m(after, matches) / max(contradiction_m(before, matches), 1e-12)
-    if moved_px < _LEAST_PX or not gain < _LEAST_GAIN:
-        note = f"the cameras stay as they were given: photos would move by {moved_px:.2f} pixels"
-        return replace(before, points=found.points), (note,)
-    return after, ()
+    before_m, after_m = (contradiction_m(Rig.of(each), matches) for each in (given, moved))
+    return moved if moved_px >= _LEAST_PX and after_m < _LEAST_GAIN * before_m else None

@@ -178,8 +178,8 @@ def _placed(turned: Floats, rays: Floats, trust: Floats) -> Floats:
     shift, base = np.zeros(3), weights
     for _ in range(5):
         weighted = rows.reshape(-1, 3) * weights[:, None]
-        answer: Floats = np.linalg.lstsq(weighted, wanted.ravel() * weights, rcond=None)[0]
-        shift = answer.astype(np.float64)
+        answer = np.linalg.lstsq(weighted, wanted.ravel() * weights, rcond=None)
+        shift = answer[0].astype(np.float64)
         off = (rows @ shift - wanted).ravel() / max(float(shift[2]), 0.5)
         weights = base / np.sqrt(1.0 + (off / 0.01) ** 2)
     return shift

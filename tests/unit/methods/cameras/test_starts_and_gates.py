@@ -40,7 +40,8 @@ def test_left_and_right_are_exchanged_where_they_were(taken):
     wrong = np.arange(8) == 2
     group = estimate._group(taken.photos, given_focal(taken), taken.marks.mirrored(wrong))
     known = tuple(taken.cameras[number] for number in group.numbers)
-    missed, found, _ = estimate._begun(*estimate._by_landmarks(group, taken.height_m))
+    _, rig, given = estimate._by_landmarks(group, taken.height_m)
+    missed, found, _ = estimate._begun(rig, given)
     assert missed < 0.0006
     assert errors_deg(found.cameras(sizes(taken)), known).max() < 1.0
 
@@ -50,7 +51,7 @@ def test_a_view_planted_25_degrees_off_is_found(taken):
     """Coherence tells that it is wrong, and the search over views brings it back."""
     group = estimate._group(taken.photos, given_focal(taken), taken.marks)
     known = tuple(taken.cameras[number] for number in group.numbers)
-    _, given = estimate._by_landmarks(group, taken.height_m)
+    _, _, given = estimate._by_landmarks(group, taken.height_m)
     good = replace(Rig.of(known), points=landmarks())
     planted = search._led_round(good, 3, 25.0)
     assert given.misses_m(planted)[0] > 5 * given.misses_m(good)[0]
