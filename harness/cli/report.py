@@ -23,6 +23,7 @@ from harness.cli.options import (
 )
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError
+from harness.core.protocol_scores import RunScores
 from harness.data.manifest import load_manifest
 from harness.report.figures import FIGURES, FigureRequest, draw_figure
 from harness.report.page import PageRequest, write_page
@@ -39,6 +40,7 @@ from harness.report.tables import (
     build_published,
     build_table,
     table_of_protocols,
+    table_of_scores,
     writer_of,
     written,
 )
@@ -108,7 +110,7 @@ def refuse_with_records(
         return
     other = {"--run": run, "--figure": figure, "--page": page}
     given = [option for option, value in other.items() if value]
-    if table not in TABLES:
+    if table not in (*TABLES, PROTOCOLS_TABLE):
         given.append(f"--table {table}")
     if given:
         raise HarnessError(
@@ -324,6 +326,9 @@ def _text(
     if records is not None or before is not None:
         if records:
             now = read_record_file(records, whole)
+            if request.table == PROTOCOLS_TABLE:
+                scores = RunScores.beside(records)
+                return written(table_of_scores(now, scores, request), writer_of(request.format))
         else:
             now = RunStore.existing(place, run).records(whole)
         return build_table(now, request, read_record_file(before, whole) if before else None)
@@ -332,10 +337,11 @@ def _text(
         own = RunStore.existing(place, run).records() if rule and run else ()
         return build_published(request, rule, own)
     store = RunStore.existing(place, run)
-    if request.table == PROTOCOLS_TABLE:
-        return written(table_of_protocols(store, request), writer_of(request.format))
-    if request.table == SEEDS_TABLE:
-        found = table_of_seeds(store, request.methods, request.subjects)
+    if request.table in (PROTOCOLS_TABLE, SEEDS_TABLE):
+        if request.table == PROTOCOLS_TABLE:
+            found = table_of_protocols(store, request)
+        else:
+            found = table_of_seeds(store, request.methods, request.subjects)
         return written(request.named(found), writer_of(request.format))
     if request.table not in PHOTO_TABLES:
         return build_table(store.records(whole), request)

@@ -29,7 +29,7 @@ from harness.core.errors import HarnessError, did_you_mean
 from harness.core.records import Record
 from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
-from harness.report.tables import in_order
+from harness.report.tables import in_order, scores_of
 from harness.run.frames import write_record_file
 from harness.run.store import RunStore
 from harness.run.workspace import Workspace
@@ -103,10 +103,14 @@ def records(
 ) -> None:
     """Write the records of a run into one file, without meshes.
 
-    'harness report --records FILE' makes tables from it.
+    'harness report --records FILE' makes tables from it. Scores under further protocols go into a
+    file beside it.
     """
-    found = _chosen(RunStore.existing(Workspace.default(workspace), run), method, subjects)
+    store = RunStore.existing(Workspace.default(workspace), run)
+    found = _chosen(store, method, subjects)
     write_record_file(found, file)
+    if (scores := scores_of(store, found)).cells:
+        scores.save(file)
     print(f"{file}: {len(found)} records")
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from harness.core.files.atomic import read_json, write_json
+from harness.core.files.atomic import read_json, write_json, write_text
 from harness.core.protocol_stages import UNALIGNED, Aligned
 from harness.core.records import MetricValue, ProtocolStamp
 from harness.core.typed_json import from_json, to_json
@@ -54,3 +55,26 @@ class ProtocolScores:
     def save(self, record_folder: Path) -> None:
         """Write the file, atomically."""
         write_json(record_folder / PROTOCOLS_FILE, to_json(self))
+
+
+@dataclass(frozen=True, slots=True)
+class RunScores:
+    """What the meshes of a run score under further protocols."""
+
+    cells: Mapping[str, ProtocolScores]
+    """By method and subject, such as ``hull8/a01``."""
+
+    @classmethod
+    def beside(cls, records: Path) -> RunScores:
+        """Those in the file beside a file of records.
+
+        Raises:
+            DataError: there is none, or it holds something else.
+        """
+        path = records.with_suffix(f".{PROTOCOLS_FILE}")
+        return from_json(cls, read_json(path), path, "a file of scores by protocol")
+
+    def save(self, records: Path) -> None:
+        """Write the file, atomically."""
+        text = json.dumps(to_json(self), separators=(",", ":"), sort_keys=True)
+        write_text(records.with_suffix(f".{PROTOCOLS_FILE}"), f"{text}\n")

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.files.atomic import write_text
-from harness.core.protocol_scores import ProtocolScores
+from harness.core.protocol_scores import ProtocolScores, RunScores
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.run.publication import MESH_FILE
@@ -149,15 +149,30 @@ def table_of_protocols(store: RunStore, request: ReportRequest) -> Table:
         HarnessError: there are no further protocols, or one was changed under its name.
     """
     records = store.records()
-    scores = {
-        (record.method_name, record.subject): ProtocolScores.beside(
+    return table_of_scores(records, scores_of(store, records), request)
+
+
+def scores_of(store: RunStore, records: Sequence[Record]) -> RunScores:
+    """What the meshes of some records of a run score under further protocols, by cell."""
+    found = {
+        f"{record.method_name}/{record.subject}": ProtocolScores.beside(
             store.cell(record.method_name, record.subject).directory, record.files[MESH_FILE]
-        ).scores
+        )
         for record in records
         if record.status == "ok" and MESH_FILE in record.files
     }
+    return RunScores({cell: scores for cell, scores in found.items() if scores.scores})
+
+
+def table_of_scores(records: Sequence[Record], scores: RunScores, request: ReportRequest) -> Table:
+    """As ``table_of_protocols``, of records and scores that are known."""
+    of_cell = {
+        (method, subject): each.scores
+        for cell, each in scores.cells.items()
+        for method, _, subject in [cell.rpartition("/")]
+    }
     methods = request.methods or _catalogue_order(records)
-    table = protocols_table(records, scores, methods=methods, subjects=request.subjects)
+    table = protocols_table(records, of_cell, methods=methods, subjects=request.subjects)
     return request.named(table)
 
 

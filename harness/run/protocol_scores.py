@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from harness.core.errors import HarnessError, ProtocolMismatch
+from harness.core.files.hashing import content_hash
+from harness.core.files.npz import read_array_npz
 from harness.core.protocol_scores import ProtocolScore, ProtocolScores
 from harness.core.protocols import MethodInfo, Privilege
-from harness.core.records import ProtocolStamp, Record
+from harness.core.records import MetricValue, ProtocolStamp, Record
 from harness.core.settings import MetricProtocol
-from harness.core.truth import face_regions
+from harness.core.truth import TrueBody, face_regions, true_body
 from harness.files.mesh_files import load_mesh
 from harness.run.progress import Progress
-from harness.run.publication import MESH_FILE
+from harness.run.publication import BODY_FILE, MESH_FILE
 from harness.run.sources import ScanSet
 from harness.run.store import RunStore
+from metrics.body import EMDB, BodyPose, body_numbers
 from metrics.score import Score, score_all
 
 
@@ -27,7 +31,8 @@ def score_protocols(
 ) -> dict[str, list[ProtocolScore]]:
     """The scores of the run's meshes under protocols, filed beside their records; by cell.
 
-    What was measured before of the same mesh under the same protocol is kept.
+    What was measured before of the same mesh under the same protocol is kept. Fitted bodies are
+    measured as well, where the true one is known and of the same model.
 
     Args:
         store: The run.
@@ -83,7 +88,8 @@ def _scored(
             if protocol.name not in known
             or known[protocol.name].protocol.sha != stamps[protocol.name].sha
         ]
-        if missing:
+        has_body = BODY_FILE in record.files
+        if missing or (has_body and EMDB.name not in known):
             mesh = load_mesh(folder.directory / MESH_FILE)
             scan, surface = truth.load(record.subject)
             regions = face_regions(scan, surface)
@@ -95,8 +101,52 @@ def _scored(
                     require_aligned(record.method, protocol)
                 except ProtocolMismatch as error:
                     known[protocol.name] = _filed(stamps[protocol.name], sha256, error)
+            if has_body and (truly := true_body(scan)) is not None:
+                numbers = _body_numbers(folder.directory / BODY_FILE, truly)
+                known[EMDB.name] = ProtocolScore(_EMDB_STAMP, sha256, metrics=numbers)
             ProtocolScores(tuple(known.values())).save(folder.directory)
-    return [known[name] for name in stamps]
+    return [known[name] for name in (*stamps, EMDB.name) if name in known]
+
+
+def _body_numbers(path: Path, truth: TrueBody) -> Mapping[str, MetricValue]:
+    """A fitted body against the true one; none where the two are of different models."""
+    body = read_array_npz(path, ("vertices", "joints", "parameter_joint_names"))
+    names = tuple(str(name) for name in body.get("parameter_joint_names", ()))
+    if names != truth.joint_names or not set(_JOINTS.values()) <= set(names):
+        return {}
+    mine, true = (
+        BodyPose({smpl: joints[names.index(anny)] for smpl, anny in _JOINTS.items()}, vertices)
+        for joints, vertices in (
+            (body["joints"], body["vertices"]),
+            (truth.joints, truth.vertices),
+        )
+    )
+    return body_numbers(mine, true, EMDB)
+
+
+#: Anny's joints in the places of SMPL's, by the name before the side.
+_MIDDLE = {
+    "pelvis": "root", "spine1": "spine04", "spine2": "spine03", "spine3": "spine02",
+    "neck": "neck01", "head": "head",
+}  # fmt: skip
+_SIDED = {
+    "hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe2-1",
+    "collar": "clavicle", "shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist",
+    "hand": "finger3-1",
+}  # fmt: skip
+_JOINTS = {
+    **_MIDDLE,
+    **{f"left_{smpl}": f"{anny}.L" for smpl, anny in _SIDED.items()},
+    **{f"right_{smpl}": f"{anny}.R" for smpl, anny in _SIDED.items()},
+}
+_SETTINGS: dict[str, object] = {
+    "summary": [
+        {"key": key, "unit": "mm", "higher": False} for key in ("mpjpe", "pa_mpjpe", "pve")
+    ],
+    "joints": _JOINTS,
+    "root": list(EMDB.root),
+}
+_EMDB_STAMP = ProtocolStamp(EMDB.name, EMDB.version, content_hash(_SETTINGS), _SETTINGS)
 
 
 def _filed(stamp: ProtocolStamp, sha256: str, score: Score | HarnessError) -> ProtocolScore:

@@ -7,16 +7,27 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from harness.core.artifacts import Body
 from harness.core.errors import HarnessError
 from harness.core.field_protocols import FIELD_PROTOCOLS
+from harness.core.files.npz import write_npz
 from harness.core.mesh import Mesh
+from harness.core.protocol_scores import RunScores
 from harness.core.settings import MetricProtocol
+from harness.core.truth import TrueBody
 from harness.data.manifest import Dataset
 from harness.files.mesh_files import save_mesh
-from harness.report.tables import ReportRequest, build_published, table_of_protocols
+from harness.report.tables import (
+    ReportRequest,
+    build_published,
+    scores_of,
+    table_of_protocols,
+    table_of_scores,
+)
 from harness.run.external_meshes import FolderRequest, score_folder
+from harness.run.frames import read_record_file, write_record_file
 from harness.run.progress import Silent
-from harness.run.protocol_scores import score_protocols
+from harness.run.protocol_scores import _JOINTS, _body_numbers, score_protocols
 from harness.run.sources import ScanSet
 from harness.run.store import RunStore
 from reports.figures.view_curves import rank_curves
@@ -90,6 +101,36 @@ def test_each_protocol_ranks_the_methods_in_its_own_way(place, truth):
         assert image.size[0] > 300
     titles = [column.title for column in table.columns]
     assert titles[:4] == ["mexecon chamfer", "rank", "xavatar cd_mean", "rank"]
+
+
+def test_a_file_of_records_has_the_scores_beside_it(place, truth):
+    store = run_under(place, truth, OWN, "filed")
+    score_protocols(store, truth, OTHERS[:1], ["wide", "small"], Silent())
+    file, records = place / "filed.jsonl", store.records()
+    write_record_file(records, file)
+    scores_of(store, records).save(file)
+    found = table_of_scores(read_record_file(file), RunScores.beside(file), ReportRequest())
+    assert found.rows == table_of_protocols(store, ReportRequest()).rows
+
+
+def test_a_body_is_measured_by_its_joints_in_the_places_of_smpls(tmp_path):
+    """Elbows and wrists 10 mm off, of 24 joints; in the middle between the hips nothing moves."""
+    names = tuple(dict.fromkeys(_JOINTS.values()))
+    random = np.random.default_rng(0)
+    joints, vertices = random.normal(size=(len(names), 3)), random.normal(size=(50, 3))
+    truth = TrueBody(vertices, joints, names)
+    moved = joints.copy()
+    moved[[names.index(f"{name}.{side}") for name in ("lowerarm01", "wrist") for side in "LR"]] += (
+        0, 0.01, 0,
+    )  # fmt: skip
+    body = Body("anny", vertices + np.array([0.003, 0, 0]), moved, np.zeros((0, 3), np.int32),
+                joint_names=names)  # fmt: skip
+    write_npz(tmp_path / "body.npz", body.to_arrays())
+    found = _body_numbers(tmp_path / "body.npz", truth)
+    assert found["mpjpe"].value == pytest.approx(10 * 4 / 24)
+    assert found["pve"].value == pytest.approx(3)
+    assert set(found) == {"mpjpe", "pa_mpjpe", "pve", "pa_pve"}
+    assert _body_numbers(tmp_path / "body.npz", replace(truth, joint_names=names[::-1])) == {}
 
 
 def test_what_was_measured_stays_and_a_changed_protocol_is_refused(place, truth):
