@@ -341,8 +341,8 @@ def _text(
         if request.table == PROTOCOLS_TABLE:
             found = table_of_protocols(store, request)
         else:
-            found = table_of_seeds(store, request.methods, request.subjects)
-        return written(request.named(found), writer_of(request.format))
+            found = request.named(table_of_seeds(store, request.methods, request.subjects))
+        return written(found, writer_of(request.format))
     if request.table not in PHOTO_TABLES:
         return build_table(store.records(whole), request)
     wanted = PhotoReport(request, store, load_manifest(manifest), place, reason)
