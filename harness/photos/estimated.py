@@ -24,8 +24,7 @@ from harness.photos.load_photos import TakenView
 from harness.photos.matching import MatchedPhoto
 from harness.photos.one_photo import check_field, level_camera
 from harness.photos.request import AUTO, ImportRequest, check_height
-from harness.run.uncalibrated import ESTIMATE
-from methods.cameras.estimate import estimate_cameras, refine_cameras
+from harness.run.uncalibrated import ESTIMATE, ESTIMATORS
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
 
 #: Photos' files tell focal lengths in whole millimetres of 35 mm film, and phones crop.
@@ -112,7 +111,7 @@ def estimated(
     else:
         focal, source = Focal.unknown(photos), "found"
     count = len(views)
-    found = estimate_cameras(
+    found: EstimatedCameras = ESTIMATORS.resolve("estimate")(
         photos,
         focal=focal,
         height_m=height_m,
@@ -145,7 +144,7 @@ def refined(views: Sequence[TakenView], folder: Path, report: StepReport) -> Pos
         MethodError: photos and cameras contradict each other.
     """
     count = len(views)
-    found = refine_cameras(
+    found: EstimatedCameras = ESTIMATORS.resolve("refine")(
         _photo_views(views, folder),
         [view.camera for view in views],
         report=lambda done, total: report(count + done, count + total),
@@ -189,7 +188,9 @@ def _posed(
 
 def import_key(request: ImportRequest, photos: Sequence[MatchedPhoto]) -> str:
     """Content id of everything that an import with such cameras depends on."""
-    code = SourceTree.installed().digest(["harness.photos.importing"], [SourceTree.__module__])
+    code = SourceTree.installed().digest(
+        ["harness.photos.importing", ESTIMATORS.module("estimate")], [SourceTree.__module__]
+    )
     files = [[photo.name, file_sha256(photo.path), photo.mask and file_sha256(photo.mask)]
              for photo in photos]  # fmt: skip
     places = {"directory": "", "photos": "", "masks": "", "replace": False}

@@ -24,6 +24,7 @@ from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.files.hashing import content_hash, file_sha256
 from harness.core.files.names import CAMERAS, suffix_of
 from harness.core.mesh import Mesh
+from harness.core.process.registry import Registry
 from harness.core.process.source_digest import SourceTree
 from harness.core.process.threads import StepReport
 from harness.core.protocols import MethodInfo, Privilege
@@ -32,11 +33,18 @@ from harness.core.typed_json import to_json
 from harness.geometry.images import load_rgba
 from harness.geometry.similarity import Similarity, camera_similarity
 from harness.geometry.surface import SurfaceIndex
-from methods.cameras.estimate import estimate_cameras
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
 from metrics.cameras import camera_errors
 from metrics.pair import aligned_by_cameras
 
+#: Found when they are needed: they run on what comes with methods.
+ESTIMATORS = Registry(
+    "search for cameras",
+    {
+        "estimate": "methods.cameras.estimate:estimate_cameras",
+        "refine": "methods.cameras.estimate:refine_cameras",
+    },
+)
 #: Where a capture tells of its estimate.
 ESTIMATE = "estimate"
 _SEED = 0
@@ -58,7 +66,9 @@ def camera_suffix(text: str) -> str:
 
 def estimate_inputs(photos: Capture, suffix: str) -> dict[str, object]:
     """Everything that an estimate depends on; its hash is the key of the capture."""
-    code = SourceTree.installed().digest([__name__], [SourceTree.__module__])
+    code = SourceTree.installed().digest(
+        [__name__, ESTIMATORS.module("estimate")], [SourceTree.__module__]
+    )
     return {
         "photos": photos.key,
         "cameras": suffix,
@@ -134,7 +144,9 @@ def _estimated(
     if suffix == CAMERAS["estimated"]:
         focal = Focal(tuple(float(camera.K[0, 0]) for camera in photos.cameras))
     height_m = round(float(mesh.extent[1]), 2)
-    found = estimate_cameras(views, focal=focal, height_m=height_m, seed=_SEED, report=report)
+    found: EstimatedCameras = ESTIMATORS.resolve("estimate")(
+        views, focal=focal, height_m=height_m, seed=_SEED, report=report
+    )
     given = "given" if focal.is_given else "found"
     return found, {"focal": given, "height_m": height_m, **found.to_dict()}
 

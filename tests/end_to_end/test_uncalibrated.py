@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import methods.cameras.estimate as estimate_module
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import HarnessError, MethodError
@@ -18,7 +19,7 @@ from harness.data.manifest import load_manifest
 from harness.geometry.similarity import Similarity
 from harness.report.figures import FIGURES
 from harness.report.tables import ReportRequest, build_table
-from harness.run import cell_worker, uncalibrated
+from harness.run import cell_worker
 from harness.run.cell_job import CellJob
 from harness.run.evaluate import _record
 from harness.run.method_choice import chosen_methods
@@ -81,7 +82,7 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
         calls.append((len(photos), focal, height_m))
         return found(list(true))
 
-    monkeypatch.setattr(uncalibrated, "estimate_cameras", estimate)
+    monkeypatch.setattr(estimate_module, "estimate_cameras", estimate)
     plain, ours = evaluated(source.calibrated, ""), evaluated(source, "-uncalibrated")
     again = source.ensure_capture("t1", silent)
 
@@ -120,7 +121,7 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
 
 def test_a_photo_that_is_left_out_is_named(source, monkeypatch):
     true = list(source.calibrated.ensure_capture("t1", silent).cameras)
-    monkeypatch.setattr(uncalibrated, "estimate_cameras", lambda *_, **__: found(true, leave=3))
+    monkeypatch.setattr(estimate_module, "estimate_cameras", lambda *_, **__: found(true, leave=3))
     capture = source.ensure_capture("t1", silent)
     assert len(capture.cameras) == 7
     assert capture.warnings[-1] == "photo 3 was left out: it fits no other"
@@ -133,7 +134,7 @@ def test_a_refusal_leaves_no_cameras(source, monkeypatch):
     def estimate(*_, **__):
         raise MethodError("no cameras can be trusted")
 
-    monkeypatch.setattr(uncalibrated, "estimate_cameras", estimate)
+    monkeypatch.setattr(estimate_module, "estimate_cameras", estimate)
     with pytest.raises(MethodError, match="trusted"):
         source.ensure_capture("t1", silent)
     assert source.capture_state("t1") == ("missing", "cameras not estimated yet")
@@ -141,7 +142,7 @@ def test_a_refusal_leaves_no_cameras(source, monkeypatch):
 
 def test_changed_photos_need_new_cameras(source, monkeypatch):
     true = list(source.calibrated.ensure_capture("t1", silent).cameras)
-    monkeypatch.setattr(uncalibrated, "estimate_cameras", lambda *_, **__: found(true))
+    monkeypatch.setattr(estimate_module, "estimate_cameras", lambda *_, **__: found(true))
     made = source.ensure_capture("t1", silent)
     document = replace(made, provenance={**made.provenance, "inputs": {"photos": "others"}})
     assert document.key == made.key
@@ -152,7 +153,7 @@ def test_changed_photos_need_new_cameras(source, monkeypatch):
 
 def test_a_method_that_is_lent_the_scan_is_refused(source, monkeypatch):
     true = list(source.calibrated.ensure_capture("t1", silent).cameras)
-    monkeypatch.setattr(uncalibrated, "estimate_cameras", lambda *_, **__: found(true))
+    monkeypatch.setattr(estimate_module, "estimate_cameras", lambda *_, **__: found(true))
     (method,) = chosen_methods(["gt"], {}, suffix="-uncalibrated")
     request = EvalRequest(
         source, (method,), source.manifest.protocol("exact"), RunStore(source.workspace.run("m"))

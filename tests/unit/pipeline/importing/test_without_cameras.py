@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import methods.cameras.estimate as estimate_module
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MethodError
 from harness.core.process.threads import silent
 from harness.core.protocols import MethodInfo, Privilege
-from harness.photos import estimated as made_of_photos
 from harness.photos.importing import import_photos
 from harness.photos.request import ImportRequest
 from harness.run.uncalibrated import as_given
@@ -69,7 +69,7 @@ class Estimator:
 
 def test_photos_alone_become_a_capture_that_says_so(native, photos, monkeypatch):
     estimator = Estimator(native)
-    monkeypatch.setattr(made_of_photos, "estimate_cameras", estimator.estimate)
+    monkeypatch.setattr(estimate_module, "estimate_cameras", estimator.estimate)
     steps = []
     made = import_photos(asked(photos), lambda *step: steps.append(step))
     capture = Capture.load(made.path)
@@ -97,7 +97,7 @@ def test_photos_alone_become_a_capture_that_says_so(native, photos, monkeypatch)
 
 
 def test_a_photo_that_is_left_out_is_named_and_its_place_is_taken(native, photos, monkeypatch):
-    monkeypatch.setattr(made_of_photos, "estimate_cameras", Estimator(native, leave=2).estimate)
+    monkeypatch.setattr(estimate_module, "estimate_cameras", Estimator(native, leave=2).estimate)
     made = import_photos(asked(photos), silent)
     capture = Capture.load(made.path)
     assert made.views == len(capture.cameras) == 7
@@ -110,14 +110,14 @@ def test_a_photo_that_is_left_out_is_named_and_its_place_is_taken(native, photos
 def test_masks_beside_the_photos_are_no_photos(native, photos, monkeypatch):
     for path in sorted(photos.iterdir()):
         shutil.copy(path, photos / f"{path.stem}_mask.png")
-    monkeypatch.setattr(made_of_photos, "estimate_cameras", Estimator(native).estimate)
+    monkeypatch.setattr(estimate_module, "estimate_cameras", Estimator(native).estimate)
     assert import_photos(asked(photos), silent).views == 8
 
 
 def test_given_cameras_are_refined_where_asked(native, photos, monkeypatch):
     estimator = Estimator(native)
-    monkeypatch.setattr(made_of_photos, "refine_cameras", estimator.refine)
-    monkeypatch.setattr(made_of_photos, "estimate_cameras", None)
+    monkeypatch.setattr(estimate_module, "refine_cameras", estimator.refine)
+    monkeypatch.setattr(estimate_module, "estimate_cameras", None)
     cameras = str(native.directory / "capture.json")
     request = replace(
         asked(native.directory, refine=True), cameras=cameras, height_m=0.0,
