@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace as replaced
 from pathlib import Path
 from typing import Annotated
 
@@ -10,10 +11,13 @@ import typer
 from harness.cli.display import print_json, shown_progress
 from harness.cli.options import Json, Timeout, WorkspacePath, limit_s
 from harness.cli.verb_list import verb_group
+from harness.core.errors import HarnessError
 from harness.core.typed_json import to_json
 from harness.data.camera_files import camera_file
+from harness.data.camera_sets import CAMERA_SETS, unpacked_set
 from harness.photos.exporting import FORMATS, ExportRequest, export_capture, named_capture
 from harness.photos.request import AUTO, Imported, ImportRequest, import_capture
+from harness.run.progress import Progress
 from harness.run.sources import CAPTURES, IMPORTED, imported_subjects, name_for
 from harness.run.workspace import Workspace
 
@@ -26,9 +30,14 @@ Cameras = Annotated[
         "--cameras",
         metavar="FILE",
         help="Camera file: nerfstudio's transforms.json, COLMAP's folder (text or binary), a "
-        "published camera_parameters.json, or a capture.json. Default: looked for in DIR; without "
-        "one, cameras are estimated from the photos.",
+        "published camera_parameters.json, or a capture.json; or the photo set that DIR is of: "
+        f"{', '.join(CAMERA_SETS)}. Default: looked for in DIR; without one, cameras are estimated "
+        "from the photos.",
     ),
+]
+Frame = Annotated[
+    int | None,
+    typer.Option("--frame", metavar="N", help="Which frame of a photo set. Default: the first."),
 ]
 Field = Annotated[
     float,
@@ -138,6 +147,7 @@ Replace = Annotated[
 def import_photos(
     folder: Folder,
     cameras: Cameras = None,
+    frame: Frame = None,
     masks: Masks = None,
     masks_by: MasksBy = "",
     mask_orientation: MaskOrientation = AUTO,
@@ -167,7 +177,7 @@ def import_photos(
     place, subject = Workspace.default(workspace), name or name_for(folder)
     request = ImportRequest(
         photos=str(folder.resolve()),
-        cameras=camera_file(folder, cameras),
+        cameras="" if str(cameras) in CAMERA_SETS else camera_file(folder, cameras),
         masks="" if masks is None else str(masks.resolve()),
         masks_by=masks_by,
         directory=str(place.capture(CAPTURES, subject, IMPORTED)),
@@ -188,11 +198,29 @@ def import_photos(
         refine=refine,
     )
     with shown_progress(quiet=as_json) as progress:
-        made = import_capture(request, progress, limit_s(timeout))
+        made = _made(request, str(cameras), frame, progress, limit_s(timeout))
     if as_json:
         print_json({"name": subject, **to_json(made)})
         return
     _show(subject, made)
+
+
+def _made(
+    request: ImportRequest, cameras: str, frame: int | None, progress: Progress, limit: float | None
+) -> Imported:
+    """The import itself, of a photo set's own cameras if it is named."""
+    if cameras not in CAMERA_SETS:
+        if frame is not None:
+            sets = ", ".join(CAMERA_SETS)
+            raise HarnessError("--frame is of photo sets", expected=f"--cameras with one of {sets}")
+        return import_capture(request, progress, limit)
+    # These sets are in metres.
+    scale = request.scale or ("" if request.height_m else "1")
+    folder, incomplete = Path(request.photos), request.incomplete
+    with unpacked_set(cameras, folder, frame, incomplete=incomplete) as found:
+        own = replaced(request, photos=str(found.folder), cameras=str(found.cameras), scale=scale)
+        made = import_capture(own, progress, limit)
+    return replaced(made, notes=(*found.notes, *made.notes))
 
 
 def _show(subject: str, made: Imported) -> None:

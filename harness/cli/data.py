@@ -120,7 +120,8 @@ def check_dataset(
 ) -> None:
     """List the files that a dataset needs, and which of them are present, missing or corrupt.
 
-    The exit code is 1 when a file is missing or corrupt.
+    Of scans of your own, a table says how much of each no ray from outside reaches, and whether it
+    is watertight. The exit code is 1 when a file is missing or corrupt.
     """
     tree = check_tree(
         load_manifest(manifest), Workspace.default(workspace), dataset, split_names(subjects)
@@ -132,6 +133,8 @@ def check_dataset(
         for entry in tree.files:
             note = f"   {entry.note}" if entry.note else ""
             print(f"  {_MARKS[entry.state]:8} {entry.path}{note}")
+        for row in tree.surfaces:
+            print(row)
         print(tree.summary)
     if not tree.complete:
         raise typer.Exit(1)

@@ -29,7 +29,6 @@ from harness.cli.options import (  # fmt: skip
     Timeout,
     Where,
     WorkspacePath,
-    chosen_source,
     limit_s,
     parsed_settings,
     split_names,
@@ -50,7 +49,7 @@ from harness.run.plan import EvalRequest, plan
 from harness.run.progress import Progress
 from harness.run.protocol_scores import score_protocols
 from harness.run.sealed import announce
-from harness.run.sources import ScanSet
+from harness.run.sources import ScanSet, chosen_source
 from harness.run.store import RunStore
 from harness.run.uncalibrated import camera_suffix
 from harness.run.workspace import Workspace

@@ -11,11 +11,9 @@ import typer
 
 from harness.core.errors import HarnessError
 from harness.core.files.names import listed_names
-from harness.data.manifest import Manifest
 from harness.run.ray_cluster import RayCluster
 from harness.run.resources import Grant
 from harness.run.slurm import Slurm
-from harness.run.sources import Source
 from harness.run.task import Executor
 from harness.run.workspace import Workspace
 
@@ -186,34 +184,6 @@ def split_names(text: str) -> tuple[str, ...]:
         HarnessError: something that is no name.
     """
     return listed_names(text)
-
-
-def refuse_both(subjects: str, split: str) -> None:
-    """Refuse ``--subjects`` beside ``--split``.
-
-    Raises:
-        HarnessError: both are given.
-    """
-    if split and subjects:
-        raise HarnessError("--split and --subjects both name subjects", hint="Leave one out")
-
-
-def chosen_subjects(manifest: Manifest, dataset: str, subjects: str, split: str) -> tuple[str, ...]:
-    """The subjects that ``--subjects`` or ``--split`` names; none, which means all, for neither.
-
-    Raises:
-        HarnessError: both are given, or the dataset has no such split.
-    """
-    refuse_both(subjects, split)
-    return manifest.split(dataset, split) if split else split_names(subjects)
-
-
-def chosen_source(
-    manifest: Manifest, place: Workspace, of: tuple[str, str], subjects: str, recipe: str
-) -> Source:
-    """The subjects and photos that a command line names; ``of`` is a dataset and a split of it."""
-    chosen = chosen_subjects(manifest, of[0], subjects, of[1])
-    return Source.select(manifest, place, of[0], chosen, recipe)
 
 
 class ExecutorName(StrEnum):

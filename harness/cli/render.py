@@ -19,12 +19,12 @@ from harness.cli.options import (  # fmt: skip
     Timeout,
     Where,
     WorkspacePath,
-    chosen_source,
     limit_s,
 )  # fmt: skip
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
 from harness.run.captures import render_all
+from harness.run.sources import chosen_source
 from harness.run.workspace import Workspace
 
 app = verb_group("render")

@@ -18,7 +18,6 @@ from harness.cli.options import (
     SplitName,
     Subjects,
     WorkspacePath,
-    refuse_both,
     split_names,
 )
 from harness.cli.verb_list import verb_group
@@ -45,6 +44,7 @@ from harness.report.tables import (
     written,
 )
 from harness.run.frames import read_record_file
+from harness.run.sources import refuse_both
 from harness.run.store import RunStore
 from harness.run.workspace import Workspace
 

@@ -26,6 +26,7 @@ _EXTRAS = {
     "bpy": "render",
     "ray": "ray",
     "submitit": "slurm",
+    "h5py": "hdf5",
 }
 #: The newest Python for which some of them exist.
 _NEWEST = {"bpy": (3, 11), "mediapipe": (3, 12)}

@@ -21,6 +21,7 @@ from harness.core.units import UNITS_RULE
 from harness.data.scans import height_warnings, load_scan, locate_scan
 from harness.data.stature import stature
 from harness.data.thuman import (
+    CheckedSurface,
     FileCheck,
     ThumanFiles,
     check_file,
@@ -32,6 +33,7 @@ from harness.data.thuman import (
 from harness.files.mesh_files import load_mesh
 from harness.files.mtl import material_files, texture_image
 from harness.geometry.occlusion import hidden_share
+from harness.geometry.topology import open_edges
 
 if TYPE_CHECKING:
     from harness.data.manifest import Dataset
@@ -277,7 +279,10 @@ def check_files(
     if dataset.kind == "generated" or any(entry.state != "present" for entry in found):
         return found
     try:
-        hidden = f"{hidden_share(load_mesh(find_thuman(root, subject).mesh)):.0%} hidden"
+        mesh = load_mesh(find_thuman(root, subject).mesh)
+        surface = CheckedSurface(subject, hidden_share(mesh), open_edges(mesh))
+        hidden = f"{surface.hidden:.0%} hidden"
     except DataError as error:
         return [replace(found[0], state="corrupt", note=str(error)), *found[1:]]
-    return [replace(found[0], note=", ".join(filter(None, (found[0].note, hidden)))), *found[1:]]
+    note = ", ".join(filter(None, (found[0].note, hidden)))
+    return [replace(found[0], note=note, surface=surface), *found[1:]]

@@ -74,12 +74,31 @@ def find_subject(root: Path, subject: str) -> SubjectFiles:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckedSurface:
+    """What of a scan's surface says how well it serves as a truth.
+
+    Attributes:
+        subject: Its id.
+        hidden: Share of its area that no ray from outside reaches.
+        open_edges: Edges that have not two faces; none where it is watertight.
+    """
+
+    subject: str
+    hidden: float
+    open_edges: int
+
+
+@dataclass(frozen=True, slots=True)
 class FileCheck:
-    """One expected file: ``present``, ``missing``, ``corrupt`` or ``unreadable``."""
+    """One expected file: ``present``, ``missing``, ``corrupt`` or ``unreadable``.
+
+    That of a user's scan has its surface, too.
+    """
 
     path: str
     state: str
     note: str = ""
+    surface: CheckedSurface | None = None
 
 
 def name_below(root: Path, path: Path) -> str:

@@ -26,7 +26,13 @@ def read_yaml(path: Path) -> tuple[Lines, object]:
             nesting deeper than 20, a value of more than 4096 letters, or an alias: aliases of
             aliases grow without end.
     """
-    text = _text(path)
+    return parse_yaml(path, _text(path))
+
+
+def parse_yaml(path: Path, text: str) -> tuple[Lines, object]:
+    """As ``read_yaml``, of a text of at most 1 MiB that was read already."""
+    if len(text) > _MOST_BYTES:
+        raise DataError(f"{path} is too large", expected=f"at most {_MOST_BYTES} letters")
     try:
         _check_events(path, text)
         loader = yaml.SafeLoader(text)

@@ -94,6 +94,22 @@ class Tree:
         """Plain JSON values."""
         return {**asdict(self), "complete": self.complete}
 
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """A table of the user's scans: hidden area and open edges of each, and of all."""
+        found = [entry.surface for entry in self.files if entry.surface]
+        if not found:
+            return ()
+        rows = [(each.subject, f"{each.hidden:.1%}", str(each.open_edges)) for each in found]
+        shares = sorted(each.hidden for each in found)
+        closed = sum(each.open_edges == 0 for each in found)
+        whole = (f"{len(found)} scans", f"{shares[len(shares) // 2]:.1%} in the middle, "
+                 f"{shares[-1]:.1%} at most", f"{closed} watertight")  # fmt: skip
+        return tuple(
+            f"  {name:24} {hidden:>8}  {edges}"
+            for name, hidden, edges in (("scan", "hidden", "open edges"), *rows, whole)
+        )
+
 
 def check_tree(
     manifest: Manifest, workspace: Workspace, name: str, subjects: tuple[str, ...]

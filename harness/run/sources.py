@@ -12,7 +12,7 @@ from harness.core.artifacts import Capture, Scan
 from harness.core.errors import DataError, HarnessError, did_you_mean
 from harness.core.files.atomic import exclusive_lock
 from harness.core.files.hashing import content_hash
-from harness.core.files.names import checked_name, suffix_of
+from harness.core.files.names import checked_name, listed_names, suffix_of
 from harness.core.mesh import Mesh
 from harness.core.process.source_digest import listed_differences
 from harness.core.process.threads import StepReport
@@ -364,6 +364,30 @@ class Source:
     def only(self, subject: str) -> Source:
         """The same source with one of its subjects."""
         return replace(self, subjects=(subject,))
+
+
+def refuse_both(subjects: str, split: str) -> None:
+    """Refuse ``--subjects`` beside ``--split``.
+
+    Raises:
+        HarnessError: both are given.
+    """
+    if split and subjects:
+        raise HarnessError("--split and --subjects both name subjects", hint="Leave one out")
+
+
+def chosen_source(
+    manifest: Manifest, place: Workspace, of: tuple[str, str], subjects: str, recipe: str
+) -> Source:
+    """As ``Source.select``, of a dataset and a split of it, or of subjects in a list with commas.
+
+    Raises:
+        HarnessError: as there, both are given, or the dataset has no such split.
+    """
+    dataset, split = of
+    refuse_both(subjects, split)
+    chosen = manifest.split(dataset, split) if split else listed_names(subjects)
+    return Source.select(manifest, place, dataset, chosen, recipe)
 
 
 @functools.lru_cache(maxsize=4)
