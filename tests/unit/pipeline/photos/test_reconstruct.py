@@ -156,6 +156,33 @@ def test_options_of_one_photo_are_refused_for_a_capture(tmp_path, workspace):
     assert imported_subjects(workspace) == ("t",)
 
 
+def test_a_folder_of_photos_is_imported_with_what_is_told(tmp_path, workspace, monkeypatch):
+    folder = tmp_path / "maria"
+    folder.mkdir()
+    photo_of_a_box(folder / "0.png")
+    jobs = []
+
+    def imported(job, *_):
+        jobs.append(job)
+        raise HarnessError("enough")
+
+    monkeypatch.setattr("harness.photos.reconstruct.import_capture", imported)
+    plain = asked(folder, workspace, None, "hull8")
+    told = Assumptions(field_deg=40.0, height_m=1.7, mask=tmp_path / "masks")
+    for request in (replace(plain, assumed=told), plain):
+        with pytest.raises(HarnessError, match="enough"):
+            reconstruct(request, Silent())
+    first, second = jobs
+    assert (first.cameras, first.subject) == ("", "toy")
+    assert (first.height_m, first.field_deg) == (1.7, 40.0)
+    assert first.masks == str(tmp_path / "masks")
+    assert (second.masks, second.height_m, second.field_deg) == ("", 0.0, 0.0)
+    (folder / "transforms.json").write_text("{}")
+    with pytest.raises(HarnessError, match="enough"):
+        reconstruct(plain, Silent())
+    assert jobs[2].cameras.endswith("transforms.json")
+
+
 def test_one_photo_does_not_replace_photos_with_cameras(tmp_path, workspace):
     put(photographed(tmp_path / "native"), workspace, "toy")
     photo = photo_of_a_box(tmp_path / "toy.png")
