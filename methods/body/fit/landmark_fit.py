@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.missing import compiler_left_out
+from harness.core.process.threads import on_all_cores
 from methods.body.fit.descent import Adam, cosine
 from methods.body.fit.evidence import Evidence
 from methods.body.fit.least_squares import Residuals, minimum
@@ -96,15 +97,18 @@ def fit_each_view(
     """
     import torch
 
-    found, bodies = [], (body, body.precise())
-    for index, view in enumerate(views):
-        seen = detections.at([index])
+    bodies = body, body.precise()
+
+    def fitted(index: int) -> dict[str, Tensor]:
+        view, seen = views[index], detections.at([index])
         points = seen.points_camera[0]
         across = view.camera.rotation.T @ (points[_LEFT] - points[_RIGHT]).sum(axis=0)
         start = neutral(body)
         start["orientation"] = torch.tensor(upright(across))[None, :, :2]
         start["translation"] = start["translation"] + torch.tensor(view.place.centre)
-        found.append(minimum(_Landmarks(bodies, (view,), seen), start)[0])
+        return minimum(_Landmarks(bodies, (view,), seen), start)[0]
+
+    found = on_all_cores(fitted, range(len(views)))
     return {name: torch.cat([each[name] for each in found]).float() for name in found[0]}
 
 
