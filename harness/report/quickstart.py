@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness.core.errors import HarnessError
+from harness.core.process.forks import serving
 from harness.core.records import Record
 from harness.data.manifest import Manifest
 from harness.report.figures import FIGURES
@@ -79,7 +80,8 @@ def quickstart(
         store=store,
         jobs=jobs,
     )
-    summary = evaluate(request, progress) if every else _one_by_one(request, progress)
+    with serving(wanted=True):
+        summary = evaluate(request, progress) if every else _one_by_one(request, progress)
     # Records of this request alone: the folder may hold cells of methods that are gone.
     records = list(summary.records)
     files = write_tables(records, store.directory / "tables")

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass, field, replace
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError, MissingPart, error_values
 from harness.core.files.names import named_from
+from harness.core.process.forks import ForkedWorker, serving
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.core.typed_json import from_json
@@ -33,6 +34,8 @@ from harness.run.store import Outcome
 from harness.run.task import Local, machine_facts
 from harness.run.tasks import CELLS, KnownFiles, MachineShare, RunOfTasks
 
+#: From so many cells on, a process that has imported what they need is worth its start.
+_MANY = 4
 _WORKER = "harness.run.cell_worker"
 #: How often a cell is planned again because photos, scan or code changed under it.
 _ATTEMPTS = 3
@@ -115,10 +118,12 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     progress.expect(CELLS, len(cells))
     run = RunOfTasks(request, progress, CellRun(request).given_up)
     tasks = run.tasks_for(cells)
+    many = sum(cell.record is None and _is_heavy(cell) for cell in cells) >= _MANY
     # Of a large run, what was planned is more than what has to be kept in memory.
     del cells
     executor = request.executor or Local(request.jobs)
-    executor.carry_out(tasks, progress, run.answered)
+    with serving(wanted=many and request.executor is None):
+        executor.carry_out(tasks, progress, run.answered)
     return EvalSummary(run.outcomes(), run.machines())
 
 
@@ -226,7 +231,8 @@ class CellRun:
             share=request.share,
         )
         try:
-            values = run_worker(_WORKER, job, log=attempt.log, timeout_s=request.timeout_s)
+            worker = ForkedWorker(_WORKER) if _is_heavy(cell) else _WORKER
+            values = run_worker(worker, job, log=attempt.log, timeout_s=request.timeout_s)
         except WorkerDied as error:
             # Memory may have run out because of others, and a person may have killed it.
             return _failure(error, by_method=error.by_signal != signal.SIGKILL)
@@ -237,6 +243,11 @@ class CellRun:
     def _filed(self, cell: Cell, result: CellResult, attempt: Attempt) -> Outcome:
         record = _record(self.request, cell, result)
         return cell.folder.file(record, attempt, own_failure=result.by_method)
+
+
+def _is_heavy(cell: Cell) -> bool:
+    """Whether a cell's code may import what takes seconds."""
+    return cell.inputs is None or "torch" in cell.inputs.packages
 
 
 def _answer(outcome: Outcome) -> dict[str, object]:

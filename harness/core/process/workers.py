@@ -1,7 +1,7 @@
 """Child processes: they read a job file, and write a result file and a log.
 
-Blender, torch and Open3D never share a process. Each job runs in a fresh interpreter that ends with
-its parent, so that a killed run leaves no processes behind.
+Blender, torch and Open3D never share a process. Each job runs in a fresh interpreter, or in a fork
+of one, that ends with its parent, so that a killed run leaves no processes behind.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any, cast, get_type_hints
+from typing import Any, BinaryIO, cast, get_type_hints
 
 from harness.core.errors import HarnessError, MethodError, error_values, found_error
 from harness.core.files.atomic import read_json, write_json
 from harness.core.missing import explained
 from harness.core.process.blender import BlenderWorker
+from harness.core.process.forks import Fork, ForkedWorker, ForkServer, server
 from harness.core.process.interrupts import require_not_stopped
 from harness.core.process.threads import StepReport
 from harness.core.typed_json import from_json, to_json
@@ -47,7 +48,7 @@ class WorkerDied(MethodError):
 
 
 def run_worker(
-    module: str | BlenderWorker,
+    module: str | BlenderWorker | ForkedWorker,
     job: object,
     *,
     log: Path | None = None,
@@ -62,7 +63,7 @@ def run_worker(
 
     Args:
         module: Dotted name of a module that ends in ``worker_main(handle)``; what runs in Blender
-            may run in another interpreter.
+            may run in another interpreter, and some start in forks within ``serving``.
         job: A dataclass of plain values, or JSON values, handed to it.
         log: Where its output is kept; a temporary file by default.
         progress: Called with (done, total) whenever the worker says so.
@@ -81,20 +82,15 @@ def run_worker(
         job_path, result_path = Path(folder, "job.json"), Path(folder, "result.json")
         log_path = log or Path(folder, "log.txt")
         log_path.parent.mkdir(parents=True, exist_ok=True)
-        worker = BlenderWorker(module) if isinstance(module, str) else module
+        forks = server() if isinstance(module, ForkedWorker) else None
+        name = module if isinstance(module, str) else module.module
+        worker = module if isinstance(module, BlenderWorker) else BlenderWorker(name)
         # A program may be a script that starts another one, whose parent it is.
-        parent = 0 if worker.command else os.getpid()
+        parent = 0 if worker.command else forks.pid if forks else os.getpid()
         write_json(job_path, {"parent": parent, "job": to_json(job)})
         with log_path.open("wb") as stream:
-            process = subprocess.Popen(
-                [*worker.start(Path(folder)), str(job_path), str(result_path)],
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, "TMPDIR": folder, **(environment or {})},
-                # Ctrl-C is for the run, which ends its workers itself.
-                process_group=0,
-            )
+            variables = {**os.environ, "TMPDIR": folder, **(environment or {})}
+            process = _started(worker, forks, (job_path, result_path), stream, variables)
             try:
                 in_time = _follow(process, log_path, progress, timeout_s)
             finally:
@@ -106,6 +102,28 @@ def run_worker(
         return _value(read_json(result_path))
 
 
+def _started(
+    worker: BlenderWorker,
+    forks: ForkServer | None,
+    files: tuple[Path, Path],
+    log: BinaryIO,
+    variables: Mapping[str, str],
+) -> subprocess.Popen[bytes] | Fork:
+    """The worker's process: a fork of the server's where there is one."""
+    arguments = [str(file) for file in files]
+    if forks:
+        return forks.start(worker.module, arguments, output=log, errors=log, environment=variables)
+    return subprocess.Popen(
+        [*worker.start(files[0].parent), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        env=variables,
+        # Ctrl-C is for the run, which ends its workers itself.
+        process_group=0,
+    )
+
+
 def _value(result: dict[str, Any]) -> dict[str, Any]:
     if failure := result.get("error"):
         raise found_error(failure)
@@ -113,7 +131,7 @@ def _value(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _follow(
-    process: subprocess.Popen[bytes],
+    process: subprocess.Popen[bytes] | Fork,
     log: Path,
     progress: StepReport | None,
     timeout_s: float | None,

@@ -8,13 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from harness.core import errors
 from harness.core.errors import HarnessError, MethodError
+from harness.core.process import forks
 from harness.core.process.interrupts import Interrupted, in_threads, stopped_by_signals
 from harness.core.process.workers import WorkerDied, run_worker
 
@@ -74,17 +75,35 @@ worker_main(handle)
 """
 
 
-@pytest.fixture(autouse=True)
-def sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Puts ``sample_worker`` on the workers' path."""
+@pytest.fixture(scope="module")
+def fork_server() -> Iterator[forks.ForkServer]:
+    """Has imported next to nothing."""
+    server = forks.ForkServer(["json"])
+    yield server
+    server.close()
+
+
+@pytest.fixture(autouse=True, params=["fresh", "forked"])
+def sample(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    fork_server: forks.ForkServer,
+    request: pytest.FixtureRequest,
+) -> str:
+    """Puts ``sample_worker`` on the workers' path; they start afresh, or in forks."""
+    if request.param == "forked":
+        assert wait_until(fork_server.is_ready)
+        monkeypatch.setattr(forks, "_serving", [fork_server])
     folder = tmp_path / "modules"
     folder.mkdir()
     (folder / "sample_worker.py").write_text(SAMPLE)
     monkeypatch.setenv("PYTHONPATH", str(folder))
+    return request.param
 
 
 def run(kind: str, **options: object) -> dict:
-    return run_worker("sample_worker", {"kind": kind, "n": 3}, **options)  # type: ignore[arg-type]
+    worker = forks.ForkedWorker("sample_worker")
+    return run_worker(worker, {"kind": kind, "n": 3}, **options)  # type: ignore[arg-type]
 
 
 def wait_until(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
@@ -178,6 +197,27 @@ def test_a_hang_ends_after_the_time_limit(tmp_path: Path) -> None:
     assert not alive(int(log.read_text().split()[1]))
 
 
+def test_a_worker_has_this_processs_variables_of_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SAMPLE", "now")
+    assert run("variable") == {"SAMPLE": "now", "inherits": True}
+
+
+def test_many_workers_at_once_do_not_mix() -> None:
+    pids = in_threads(lambda _: run("echo")["pid"], range(12), jobs=4)
+    assert len(set(pids)) == 12
+
+
+def test_a_server_that_is_gone_starts_nothing_more(
+    fork_server: forks.ForkServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = forks.ForkServer(())
+    assert wait_until(other.is_ready)
+    other.close()
+    monkeypatch.setattr(forks, "_serving", [other])
+    assert forks.server() is None
+    assert run("echo")["job"]["kind"] == "echo"
+
+
 def test_a_worker_in_time_is_not_stopped() -> None:
     assert run("echo", timeout_s=60.0)["job"]["kind"] == "echo"
 
@@ -213,7 +253,7 @@ def test_a_result_that_is_not_json_is_a_crash() -> None:
 
 def test_a_module_that_does_not_exist() -> None:
     with pytest.raises(MethodError, match="No module named 'absent_worker'|absent_worker"):
-        run_worker("absent_worker", {})
+        run_worker(forks.ForkedWorker("absent_worker"), {})
 
 
 def test_an_interrupted_parent_kills_its_worker(tmp_path: Path) -> None:
@@ -231,14 +271,22 @@ def test_an_interrupted_parent_kills_its_worker(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["sleep", "busy"])
-def test_a_worker_dies_with_a_parent_that_was_killed(tmp_path: Path, kind: str) -> None:
+def test_a_worker_dies_with_a_parent_that_was_killed(
+    tmp_path: Path, kind: str, sample: str
+) -> None:
     log = tmp_path / "log.txt"
     script = (
         "import sys; from pathlib import Path\n"
+        "from harness.core.process import forks\n"
         "from harness.core.process.workers import run_worker\n"
-        "run_worker('sample_worker', {'kind': sys.argv[2]}, log=Path(sys.argv[1]))\n"
+        "forks.LIBRARIES = ()\n"
+        "wanted = sys.argv[3] == 'forked'\n"
+        "with forks.serving(wanted=wanted):\n"
+        "    while wanted and not forks.server(): pass\n"
+        "    worker = forks.ForkedWorker('sample_worker')\n"
+        "    run_worker(worker, {'kind': sys.argv[2]}, log=Path(sys.argv[1]))\n"
     )
-    with subprocess.Popen([sys.executable, "-c", script, str(log), kind]) as parent:
+    with subprocess.Popen([sys.executable, "-c", script, str(log), kind, sample]) as parent:
         assert wait_until(lambda: log.is_file() and log.read_text().endswith("\n"))
         worker = int(log.read_text().split()[1])
         assert alive(worker)
