@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from harness.core.artifacts import StageCost
 from harness.core.errors import DataError
+from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash
 from harness.core.files.names import NAME_RULE, is_name
@@ -546,6 +547,13 @@ def _faults(document: Mapping[str, Any], *, is_strict: bool) -> Iterator[str]:
         yield str(error)
 
 
+def _units(protocol: str) -> dict[str, str]:
+    """The unit of each metric; under a publication's protocol the one that it prints."""
+    units = {name: metric.unit for name, metric in METRICS.items()}
+    printed = FIELD_PROTOCOLS.get(protocol)
+    return units | ({column.key: column.unit for column in printed.summary} if printed else {})
+
+
 def _out_of_range(record: Record, document: Mapping[str, Any]) -> Iterator[str]:
     """What is of the right type and cannot be."""
     for kind, name in (
@@ -560,9 +568,10 @@ def _out_of_range(record: Record, document: Mapping[str, Any]) -> Iterator[str]:
     for name, sha256 in record.files.items():
         if not _SHA256.fullmatch(sha256):
             yield f"a file {name} without its sha256"
+    units = _units(record.protocol.name)
     for name, metric in record.metrics.items():
-        if name in METRICS and metric.unit != METRICS[name].unit:
-            yield f"{name} in {metric.unit[:_MOST_SHOWN]!r} instead of {METRICS[name].unit!r}"
+        if metric.unit != units.get(name, metric.unit):
+            yield f"{name} in {metric.unit[:_MOST_SHOWN]!r} instead of {units[name]!r}"
     method, counts = record.method, [record.capture.views]
     counts += [0 if method.view_count is None else method.view_count - 1, *(method.views or ())]
     distinct = len(set(method.views or ())) == len(method.views or ())
