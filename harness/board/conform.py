@@ -24,6 +24,7 @@ import numpy as np
 
 from harness.board.conform_trial import (
     CHECKS,
+    OF_THE_FRAME,
     Answer,
     Certificate,
     Check,
@@ -187,6 +188,12 @@ class _Run:
         truth = self.request.source.load(self.request.subject)[1]
         is_scan = Privilege.GROUND_TRUTH_MESH in info.privileges
         checks = frame_checks(load_mesh(Path(plain.mesh)), truth, is_scan=is_scan)
+        if Privilege.OWN_FRAME in info.privileges:
+            frame = "it answers in a frame of its own"
+            checks = [
+                Check(each.id, "not asked", frame) if each.id in OF_THE_FRAME else each
+                for each in checks
+            ]
         self.found.update({check.id: check for check in checks})
         self._same(plain, info)
         self._killed(plain)

@@ -41,7 +41,7 @@ Answer = Literal["yes", "no", "not asked"]
 #: What is asked, in order.
 CHECKS: Mapping[str, str] = {
     "environment": "Its environment runs, and it describes itself",
-    "runs": "It makes a mesh of one subject",
+    "runs": "It makes a mesh of one subject, or what becomes one",
     "metres": "The mesh is in metres",
     "place": "The mesh stands where the subject stands",
     "up": "+Y is up",
@@ -56,6 +56,9 @@ CHECKS: Mapping[str, str] = {
     "leaves_nothing": "No process of it stays, even when it is killed",
     "cost": "It stays within the time and the memory that were allowed",
 }
+
+#: What cannot be asked of a result in a frame of its own.
+OF_THE_FRAME = ("metres", "place", "up", "facing", "handedness")
 
 
 @dataclass(frozen=True, slots=True)

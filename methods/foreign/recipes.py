@@ -169,7 +169,7 @@ class Recipe:
         """What is needed of checkout and weights: what to call it, and where it should be."""
         if found.checkout:
             yield from ((each, Path(found.checkout, each)) for each in self.needs.checkout)
-        if found.weights:
+        if found.weights and self.needs.network:
             named = self.needs.weights or ("",)
             yield from ((each or "weights", Path(found.weights, each)) for each in named)
 

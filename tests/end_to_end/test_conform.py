@@ -33,7 +33,7 @@ METHODS = """
 import itertools
 import os
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +41,11 @@ import numpy as np
 from harness.core.artifacts import Reconstruction
 from harness.core.errors import MethodError
 from harness.files.mesh_files import load_mesh
-from harness.core.protocols import MethodInfo
+from harness.core.protocols import MethodInfo, Privilege
+from harness.core.results import PointCloud
 from harness.geometry.images import load_rgba
+from methods.points.filtering import MeshSettings
+from methods.points.splats import directions
 
 SCAN = load_mesh(Path({scan!r})).geometry()
 COUNT = itertools.count()
@@ -90,6 +93,33 @@ def stays(mesh, capture, context):
     return mesh
 
 
+def egg():
+    # Points on a standing ellipsoid as large as a person, and their normals.
+    ways, sizes = directions(6000), (SCAN.extent / 2) * (1, 1, 1.5)
+    return SCAN.bounds.mean(axis=0) + sizes * ways, ways / sizes
+
+
+class Kind(Good):
+    def __init__(self, name, make, *given):
+        self.info = MethodInfo(name=name, title=name, views=(0, 4), privileges=given,
+                               parameters={{"mesh": asdict(MeshSettings(depth=6))}})
+        self.make = make
+
+    def reconstruct(self, capture, context):
+        return self.make(capture)
+
+
+def cloud_of(capture):
+    return PointCloud(*egg())
+
+
+def cloud_elsewhere(capture):
+    points, normals = egg()
+    return PointCloud(7 * points[:, [2, 0, 1]] + 3, normals[:, [2, 0, 1]])
+
+
+cloud = Kind("cloud", cloud_of)
+elsewhere = Kind("elsewhere", cloud_elsewhere, Privilege.OWN_FRAME)
 good = Good("good")
 runs = wrong("runs", fails)
 metres = wrong("metres", turned((1000, 0, 0), (0, 1000, 0), (0, 0, 1000)))
@@ -137,7 +167,9 @@ def tried(odd_world, tmp_path_factory, monkeypatch):
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: conform-methods\nVersion: 1\n")
     points = "".join(f"b-{name} = conform_methods:{name}\n" for name in BROKEN)
-    points = f"[harness.methods]\ngood = conform_methods:good\n{points}"
+    for name in ("good", "cloud", "elsewhere"):
+        points += f"{name} = conform_methods:{name}\n"
+    points = f"[harness.methods]\n{points}"
     (about / "entry_points.txt").write_text(points)
     monkeypatch.setenv("PYTHONPATH", str(place), prepend=os.pathsep)
     monkeypatch.syspath_prepend(place)
@@ -179,6 +211,23 @@ def test_a_good_method_is_certified(tried):
     assert list(answers) == list(CHECKS)
     assert [name for name, answer in answers.items() if answer != "yes"] == []
     assert len(certificate.environment_sha256) == 16
+
+
+def test_points_are_asked_what_a_mesh_is_asked(tried):
+    """Masks take what is beside the subject: the egg's surface is closed all the same."""
+    answers = {check.id: check.answer for check in tried("cloud").checks}
+    assert [answers[name] for name in ("runs", "watertight", "winding", "repeats", "renamed")] == (
+        5 * ["yes"]
+    )
+
+
+def test_a_frame_of_its_own_is_not_asked_where_it_is(tried):
+    certificate = tried("elsewhere")
+    assert certificate.conforms, certificate.checks
+    answers = {check.id: check.answer for check in certificate.checks}
+    assert [name for name, answer in answers.items() if answer == "not asked"] == [
+        *("metres", "place", "up", "facing", "handedness")
+    ]
 
 
 @pytest.mark.parametrize("name", BROKEN)
