@@ -45,9 +45,9 @@ def check(
         typer.Option(
             "--spread",
             metavar="RUNS",
-            help="With --update: other runs of the same methods and subjects, comma-separated; "
-            "twice the largest difference between the runs becomes the tolerance where it is wider "
-            "than the stored one.",
+            help="With --update: runs of the same methods on the same photos in other arithmetic, "
+            "comma-separated; three times the largest difference becomes the tolerance where that "
+            "is wider than the stored one.",
         ),
     ] = "",
     summary: Annotated[

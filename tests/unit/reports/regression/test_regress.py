@@ -302,7 +302,7 @@ def test_a_measured_spread_becomes_the_methods_own_tolerance(tmp_path):
     base = update([with_chamfer(HULL[0], 20.0)])
     made = with_spread(base, {"other-light": [with_chamfer(HULL[0], 20.4)]})
     own = made.tolerance("hull8", "chamfer")
-    assert own.absolute == pytest.approx(0.8)
+    assert own.absolute == pytest.approx(1.2)
     assert "other-light" in own.source
     assert made.tolerance("gt", "chamfer") == base.tolerance("gt", "chamfer")
     # What hardly differs keeps the default, which is for rounding.
@@ -317,7 +317,7 @@ def test_a_wider_tolerance_of_earlier_runs_stays():
     later = with_spread(first, {"other-processor": [with_chamfer(HULL[0], 20.1)]})
     assert later.tolerance("hull8", "chamfer") == first.tolerance("hull8", "chamfer")
     wider = with_spread(first, {"other-processor": [with_chamfer(HULL[0], 20.5)]})
-    assert wider.tolerance("hull8", "chamfer").absolute == pytest.approx(1.0)
+    assert wider.tolerance("hull8", "chamfer").absolute == pytest.approx(1.5)
     # Nor does a run of other methods take it away.
     others = [record for record in RECORDS if record.method_name != "hull8"]
     assert with_spread(first, {"other-light": others}).tolerances == first.tolerances
@@ -328,6 +328,51 @@ def test_a_spread_is_not_measured_with_another_recipe():
     with pytest.raises(ProtocolMismatch, match="run other-light .* their recipe differs") as raised:
         with_spread(base, {"other-light": [replace(record, recipe="paper8") for record in HULL]})
     assert "paper8" in str(raised.value)
+
+
+def test_a_spread_is_not_measured_on_other_photos():
+    base = update(HULL)
+    grain = [replace(each, capture=replace(each.capture, key="other grain")) for each in HULL]
+    with pytest.raises(ProtocolMismatch, match="it has other photos"):
+        with_spread(base, {"other-noise": grain})
+
+
+#: What the stored baseline must see: a share of the number, at least so much.
+PLANTED = {"chamfer": (0.01, 0.15), "normal_error": (0.0, 0.3), "joint_error": (0.0, 1.0)}
+STORED = Baseline.load(Path(__file__).parents[3] / "golden" / "baselines" / "quickstart.json")
+#: Tolerances that were measured with photos of another grain in them guard nothing so small.
+OLD = "twice the "
+
+
+GUARDED = [
+    pytest.param(cell, metric, id=f"{cell.method}-{cell.subject}-{metric}")
+    for cell in STORED.cells
+    for metric in PLANTED
+    if metric in cell.metrics and not STORED.tolerance(cell.method, metric).source.startswith(OLD)
+]
+
+
+@pytest.mark.parametrize(("cell", "metric"), GUARDED)
+def test_a_small_change_of_any_method_is_found(cell, metric):
+    stored = {
+        name: MetricValue(each.value, each.unit, 1, 0.0) for name, each in cell.metrics.items()
+    }
+    share, least = PLANTED[metric]
+    number = cell.metrics[metric]
+    base = replace(STORED, cells=(replace(cell, metrics={metric: number}),))
+    for sign in (1, -1):
+        changed = number.value + sign * max(share * number.value, least)
+        metrics = {**stored, metric: replace(stored[metric], value=changed)}
+        record = replace(
+            HULL[0],
+            method=replace(HULL[0].method, name=cell.method),
+            subject=cell.subject,
+            dataset=base.dataset,
+            recipe=base.recipe,
+            metrics=metrics,
+        )
+        base_here = replace(base, protocol=record.protocol.to_flat())
+        assert [each.metric for each in compare([record], base_here).moved] == [metric]
 
 
 def test_numbers_of_a_method_that_had_none_are_not_guarded_by_its_absence():
