@@ -258,7 +258,9 @@ class _Landmarks:
         )
 
     def _holds_depth(self) -> bool:
-        return self._depth_is_known and len(self._seen) == 1
+        # Nothing else holds the body of one orthographic view: it looks the same at any depth.
+        told = self._depth_is_known or self._seen.projectors[0].camera.is_orthographic
+        return told and len(self._seen) == 1
 
     def _off_in_space(self, turned: Tensor, view: int) -> Tensor:
         """(B, K, 3) between landmarks in camera axes and the detector's own, hips on hips.
