@@ -105,7 +105,8 @@ def list_datasets(
         print_json(listing)
         return
     for kind, entries in listing.items():
-        print(f"{kind}:")
+        by = " with 'harness data add NAME DIR'" if kind == "addable" else ""
+        print(f"{kind}{by}:")
         for name, text in entries.items():
             print(f"  {name:20} {text}")
 

@@ -15,7 +15,10 @@ from harness.run.workspace import Workspace
 
 
 def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, str]]:
-    """One line for every dataset, split, recipe and protocol, by kind and name."""
+    """One line for every dataset, split, recipe and protocol, by kind and name.
+
+    ``addable`` are the data sets of the field, which ``harness data add NAME DIR`` takes.
+    """
     datasets = {}
     for name, dataset in manifest.datasets.items():
         try:
@@ -42,7 +45,7 @@ def overview(manifest: Manifest, workspace: Workspace) -> dict[str, dict[str, st
             },
             **_published(manifest),
         },
-        "data sets of the field, for 'harness data add NAME DIR'": {
+        "addable": {
             name: f"{field.title}: {field.source}"
             for name in field_names()
             if (field := field_set(name))

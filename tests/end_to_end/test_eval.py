@@ -193,7 +193,7 @@ def test_check_finds_what_moved(world, harness, eval_toy):
 
 def test_data_commands(world, harness):
     listing = json.loads(harness("data", "list", "--json").stdout)
-    assert set(listing) == {"datasets", "splits", "recipes", "protocols"}
+    assert set(listing) == {"datasets", "splits", "addable", "recipes", "protocols"}
     assert harness("data", "check", "toy").returncode == 0
     (world / "scans/model/t3/t3.obj").unlink()
     broken = harness("data", "check", "toy")

@@ -240,6 +240,7 @@ def test_memory_grows_with_the_file_and_not_with_what_it_says(read_all):
         assert reading.peak < 3 * len(CRAFTED[reading.name]) + 2**27, reading
 
 
+@pytest.mark.nightly
 def test_two_hundred_made_fits(made, read_all, assert_harmless):
     files = [*made(programs(), 150), *made(spoilt(FIT), 50)]
     readings = read_all("fit", {str(index): content for index, content in enumerate(files)}, ".pkl")
@@ -247,6 +248,7 @@ def test_two_hundred_made_fits(made, read_all, assert_harmless):
     assert sum(reading.outcome == "DataError" for reading in readings) >= 150
 
 
+@pytest.mark.nightly
 def test_two_hundred_made_pickles_of_smplx(made, read_all, assert_harmless):
     """What the model does not need is passed over, but never rebuilt."""
     files = [*CRAFTED.values(), *made(programs("v_template"), 100), *made(spoilt(MODEL), 60)]
