@@ -112,6 +112,17 @@ def test_a_detectors_metres_do_not_say_how_far_away_one_views_body_is(anny, make
     assert depths_m[0] == pytest.approx(0.0, abs=0.1)
 
 
+def test_the_body_of_one_orthographic_view_stays_at_its_subjects_place(anny, make_views):
+    """It looks the same at any depth."""
+    seen = make_views([make_views.ring(8)[0].weak_perspective(3.0)])
+    (view,) = seen.views
+    alone = (replace(view, place=replace(view.place, depth_is_known=False)),)
+    found = fit_each_view(anny.sparse(), alone, seen.detections)
+    with torch.no_grad():
+        middle = box_middle(anny.posed(found).vertices)[0].double().numpy()
+    assert view.camera.forward @ middle == pytest.approx(0.0, abs=0.1)
+
+
 @pytest.mark.nightly
 def test_joint_optimisation_of_one_view_does_not_walk_away(anny, person, make_views):
     """Its mask and landmarks fit at many distances; a start that is off by 20 cm must come back."""
