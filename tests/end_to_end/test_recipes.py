@@ -1,4 +1,4 @@
-"""Authors' programs from a stand-in to a row of a table: their arguments, their files.
+"""Every recipe from a stand-in of its program to a row of a table: its arguments, its files.
 
 The stand-ins see what the authors' programs would see, and answer with bodies as wide and as high
 as the masks; VGGT's, whose package answers from a file, are in ``test_vggt.py``.
@@ -14,9 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.core.artifacts import Capture
+from harness.core.results import PhotoFrame
 from harness.files.mesh_files import load_mesh
+from harness.geometry.photo import open_photo
+from harness.geometry.raycast import Raycaster
 from methods.foreign.recipes import Recipe
-from tests.unit.methods.recipes.conftest import installed, recipes_folder  # noqa: F401
+from tests.unit.methods.recipes.conftest import exchange, installed, recipes_folder  # noqa: F401
+from tests.unit.methods.recipes.test_kin import DA3_PACKAGE, MAPANYTHING_PACKAGE, PI3_PACKAGE
 
 pytestmark = pytest.mark.nightly
 
@@ -79,6 +84,42 @@ write_body(out / "obj" / f"{name}_0_full.obj", corners[0, 0], corners[1, 0], cor
 noted = {"M_square": torch.from_numpy(square)[None], "M_crop": crop}
 torch.save({"uncrop_param": noted}, out / "vid" / f"{name}_in_tensor.pt")
 """
+SITH = {
+    "openpose.bin": """
+given = dict(zip(sys.argv[1:], [*sys.argv[2:], ""]))
+assert given["--net_resolution"] == "-1x544" and given["--display"] == "0" and "--hand" in given
+assert Image.open(Path(given["--image_dir"], "000.png")).size == (1024, 1024)
+Path(given["--write_json"], "000_keypoints.json").write_text("{}")
+""",
+    "fit.py": """
+parser = argparse.ArgumentParser()
+parser.add_argument("-i"); parser.add_argument("-o")
+parser.add_argument("--opt_orient", action="store_true")
+parser.add_argument("--opt_betas", action="store_true")
+asked = parser.parse_args()
+assert asked.opt_orient and asked.opt_betas and Path(asked.i, "000_keypoints.json").is_file()
+Path(asked.o).mkdir()
+Path(asked.o, "000_smplx.obj").write_text("v 0 0 0\\n")
+""",
+    "hallucinate.py": """
+parser = argparse.ArgumentParser()
+parser.add_argument("-i"); parser.add_argument("-o"); parser.add_argument("--seed", type=int)
+parser.add_argument("--num_validation_images", type=int)
+asked = parser.parse_args()
+assert Path(asked.i, "smplx/000_smplx.obj").is_file() and asked.num_validation_images == 8
+Path(asked.o).mkdir()
+Path(asked.o, "000_000.png").write_bytes(b"png")
+""",
+    "reconstruct.py": """
+parser = argparse.ArgumentParser()
+for name in ("test-folder", "config", "resume"):
+    parser.add_argument("--" + name, required=True)
+asked = parser.parse_args()
+assert Path(asked.resume).is_file() and Path(asked.test_folder, "back_images/000_000.png").is_file()
+_, *edges = box(Path(asked.test_folder, "images/000.png"))
+write_body(Path(asked.test_folder, "meshes/000_reco.obj"), *edges, 512)
+""",
+}
 PSHUMAN = """
 assert sys.argv[1:3] == ["--config", "configs/inference-768-6view.yaml"]
 given = dict(word.split("=") for word in sys.argv[3:])
@@ -87,6 +128,31 @@ assert Path(given["pretrained_model_name_or_path"], "model_index.json").is_file(
 shape, *edges = box(Path(given["validation_dataset.root_dir"], "photo.png"))
 out = Path(given["recon_opt.res_path"]) / "photo"
 write_body(out / "result_clr_scale4_photo.obj", *edges, max(shape) / 2)
+"""
+SPLATS = """
+parser = argparse.ArgumentParser()
+for name in ("-s", "-m", "--iterations", "--depth_ratio", "--save_iterations"):
+    parser.add_argument(name, required=True)
+parser.add_argument("--white_background", action="store_true")
+asked = parser.parse_args()
+model = Path(asked.s) / "sparse" / "0"
+lines = (model / "points3D.txt").read_text().splitlines()
+points = np.array([line.split()[1:4] for line in lines], dtype=float)
+assert len((model / "cameras.txt").read_text().splitlines()) == 8 and len(points) > 100
+assert Image.open(Path(asked.s) / "images" / "001.png").getpixel((0, 0)) == (255, 255, 255)
+# Balls that fill the hull: what their front shows is nearly the subject.
+columns = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
+columns["opacity"] = np.full(len(points), 4.0)
+for axis in range(3):
+    columns[f"scale_{axis}"] = np.full(len(points), np.log(0.02))
+for axis in range(4):
+    columns[f"rot_{axis}"] = np.full(len(points), float(axis == 0))
+rows = np.stack(list(columns.values()), 1).astype("<f4")
+out = Path(asked.m) / "point_cloud" / f"iteration_{asked.iterations}" / "point_cloud.ply"
+out.parent.mkdir(parents=True)
+header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+header += [f"property float {name}" for name in columns] + ["end_header", ""]
+out.write_bytes("\\n".join(header).encode() + rows.tobytes())
 """
 
 
@@ -99,6 +165,14 @@ def python(tmp_path_factory) -> Path:
         (site / name).mkdir(parents=True)
         (site / name / "__init__.py").write_text("")
     (site / "simple_knn.py").write_text("")
+    for module, source in (
+        ("depth_anything_3/api", DA3_PACKAGE),
+        ("mapanything/models", MAPANYTHING_PACKAGE),
+        ("pi3/models/pi3", PI3_PACKAGE),
+    ):
+        path = site / f"{module}.py"
+        path.parent.mkdir(parents=True)
+        path.write_text(source)
     program = folder / "python"
     program.write_text(f'#!/bin/sh\nPYTHONPATH={site} exec {sys.executable} "$@"\n')
     program.chmod(0o755)
@@ -111,6 +185,7 @@ def put(recipes_folder, python, tmp_path, monkeypatch):  # noqa: F811
     tools = tmp_path / "tools"
     tools.mkdir()
     (tools / "nvidia-smi").write_text("#!/bin/sh\necho 81559\n")
+    (tools / "openpose.bin").write_text(f"#!{sys.executable}\n{BODY}{SITH['openpose.bin']}")
     for path in tools.iterdir():
         path.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tools}:/usr/bin:/bin")
@@ -140,6 +215,7 @@ def row_of(harness, world: Path, name: str, *more: str) -> dict:
 AUTHORS = {
     "econ-authors": {"apps/infer.py": ECON},
     "mexecon-authors": {"apps/infer.py": ECON},
+    "sith": {name: text for name, text in SITH.items() if name.endswith(".py")},
 }
 
 
@@ -165,3 +241,38 @@ def test_a_result_in_its_own_frame_needs_a_protocol_that_aligns(world, harness, 
     row_of(harness, world, "pshuman", "--protocol", "sith")
     table = harness("report", "--table", "protocols", "--format", "markdown")
     assert "own frame" in table.stdout + harness("report", "--table", "geometry").stdout
+
+
+def test_gaussians_become_a_row(world, harness, photographed, put):
+    put("2dgs", {"train.py": SPLATS})
+    record = row_of(harness, world, "2dgs", "--set=mesh.depth=6", "--set=start.points=3000",
+                    "--set=keep.edge=0.05")  # fmt: skip
+    assert record["details"]["surface"] == "surface@1"
+    assert record["metrics"]["chamfer"]["value"] < 40
+    assert [part["role"] for part in record["method"]["parts"]][-1] == "checkout"
+
+
+@pytest.mark.parametrize("name", ["da3", "mapanything", "pi3"])
+def test_networks_become_rows(name, world, harness, photographed, put, monkeypatch):
+    put(name, {})
+    row, side = {"da3": "da3-8", "mapanything": "mapanything8", "pi3": "pi3-8"}[name], 252
+    capture = Capture.load(world / "captures/toy/t1/tiny").from_front()
+    scan = load_mesh(world / "scans/model/t1/t1.obj")
+    caster = Raycaster(scan.transformed(np.array(capture.provenance["scan_to_world"])))
+    said = {key: [] for key in ("depth", "own_depth", "conf", "extrinsics", "intrinsics", "given")}
+    for view in range(8):
+        photo = open_photo(capture, view)
+        seen = exchange.fitted(photo.rgba, side, 14, "fit", 255)
+        camera = PhotoFrame.whole(photo.camera.size, seen.resized).camera(photo.camera)
+        depth = np.nan_to_num(caster.depth(camera), nan=9.0).astype(np.float32)
+        own = camera.world_to_camera[:3].copy()
+        own[:, 3] *= 0.1
+        sure, given = np.ones_like(depth), camera.camera_to_world
+        values = (depth, 0.1 * depth, sure, own, camera.K, given)
+        for key, value in zip(said, values, strict=True):
+            said[key].append(value)
+    np.savez(world / "kin.npz", **said)
+    monkeypatch.setenv("FAKE_KIN", str(world / "kin.npz"))
+    record = row_of(harness, world, row, f"--set=network.side={side}", "--set=mesh.depth=6",
+                    "--set=keep.normal_px=1", "--set=keep.edge=0.03")  # fmt: skip
+    assert record["metrics"]["p2s_accuracy"]["value"] < 15
