@@ -9,6 +9,7 @@ import argparse
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -146,6 +147,16 @@ def device_of(asked: str, torch) -> str:  # noqa: ANN001 - nothing of it is impo
     if asked == "cuda" and not there:
         refuse("device 'cuda' was asked for, and this torch sees none")
     return "cuda" if there and asked != "cpu" else "cpu"
+
+
+def costs(device: str, torch, start: float, loaded: float) -> dict[str, object]:  # noqa: ANN001
+    """What a network ran on, and how long it took to load and, until now, to run."""
+    return {
+        "device": device,
+        "torch": torch.__version__,
+        "load_s": round(loaded - start, 2),
+        "run_s": round(time.perf_counter() - loaded, 2),
+    }
 
 
 def write_depth(

@@ -182,8 +182,7 @@ def _posed(
         else:
             picture.rename(folder / image_name(len(kept)))
             kept.append(replace(view, camera=camera))
-    left_out = tuple(f"{name} was left out: {why}" for name, why in found.left_out)
-    return Posed(tuple(kept), told, notes, (*found.warnings, *left_out))
+    return Posed(tuple(kept), told, notes, found.remarks)
 
 
 def import_key(request: ImportRequest, photos: Sequence[MatchedPhoto]) -> str:
@@ -196,5 +195,4 @@ def import_key(request: ImportRequest, photos: Sequence[MatchedPhoto]) -> str:
     places = {"directory": "", "photos": "", "masks": "", "replace": False}
     camera = [photo.view.camera.to_dict() for photo in photos]
     asked = to_json(replace(request, **places))
-    made_by = {"code": dict(code.modules), "packages": dict(code.packages)}
-    return content_hash({"asked": asked, "files": files, "cameras": camera, **made_by})
+    return content_hash({"asked": asked, "files": files, "cameras": camera, **code.to_dict()})

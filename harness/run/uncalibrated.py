@@ -73,8 +73,7 @@ def estimate_inputs(photos: Capture, suffix: str) -> dict[str, object]:
         "photos": photos.key,
         "cameras": suffix,
         "seed": _SEED,
-        "code": dict(code.modules),
-        "packages": dict(code.packages),
+        **code.to_dict(),
     }
 
 
@@ -104,7 +103,6 @@ def estimated_capture(
     known = [_true_cameras(photos)[view] for view in kept]
     move = camera_similarity(own, known).similarity
     x, _, z = move.rotation[:, 2]  # where the person faces
-    left_out = tuple(f"{name} was left out: {why}" for name, why in found.left_out)
     images = [image_name(number) for number in range(len(kept))]
     with atomic_directory(directory) as folder:
         for view, name in zip(kept, images, strict=True):
@@ -123,7 +121,7 @@ def estimated_capture(
             directory=directory,
             cameras=tuple(move.camera(camera) for camera in own),
             front_yaw_deg=math.degrees(math.atan2(x, z)),
-            warnings=(*photos.warnings, *found.warnings, *left_out),
+            warnings=(*photos.warnings, *found.remarks),
             provenance={**photos.provenance, "inputs": inputs, ESTIMATE: told, "images": hashes},
         )
         write_transforms_json(folder / "transforms.json", made.cameras, images)

@@ -163,9 +163,9 @@ def _turned(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouettes] 
     here = _refined(rig, given, view)
     tried: list[tuple[float, Rig, Silhouettes]] = []
     for way in ways:
+        blocks = way.blocks(rig, *_SEARCHED)
         for angle_deg in _TURNS_DEG:
             turned = _led_round(rig, view, angle_deg)
-            blocks = way.blocks(rig, *_SEARCHED)
             cost = sum(block.rows(turned).cost for block in blocks)
             tried.append((cost, turned, way))
     tried.sort(key=lambda each: each[0])

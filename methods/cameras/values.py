@@ -147,6 +147,11 @@ class EstimatedCameras:
         """Name and reason of each photo without a camera."""
         return tuple((photo.name, photo.left_out) for photo in self.photos if photo.left_out)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The warnings, and which photos were left out, a sentence each."""
+        return (*self.warnings, *(f"{name} was left out: {why}" for name, why in self.left_out))
+
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values of everything but the cameras, for a capture's provenance."""
         return {

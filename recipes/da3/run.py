@@ -41,12 +41,7 @@ def main() -> None:
         process_res=int(asked.side),
         process_res_method="upper_bound_resize",
     )
-    report = {
-        "device": device,
-        "torch": torch.__version__,
-        "load_s": round(loaded - start, 2),
-        "run_s": round(time.perf_counter() - loaded, 2),
-    }
+    report = exchange.costs(device, torch, start, loaded)
     arrays = {
         "depth": np.asarray(found.depth, np.float32),
         "confidence": np.asarray(found.conf, np.float32),

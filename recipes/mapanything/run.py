@@ -73,12 +73,7 @@ def main() -> None:
     else:
         intrinsics = np.stack([e.intrinsics(p) for e, p in zip(shown, photos)])  # noqa: B905
         moves = np.stack([photo.world_to_camera for photo in photos])
-    report = {
-        "device": device,
-        "torch": torch.__version__,
-        "load_s": round(loaded - start, 2),
-        "run_s": round(time.perf_counter() - loaded, 2),
-    }
+    report = exchange.costs(device, torch, start, loaded)
     arrays = {
         "depth": _stacked(found, "depth_z")[..., 0],
         "confidence": _stacked(found, "conf"),

@@ -53,12 +53,7 @@ def main() -> None:
     # Its confidences are logits.
     sure = torch.sigmoid(found["conf"][0, ..., 0].float()).cpu().numpy()
     poses = found["camera_poses"][0].float().cpu().numpy().astype(np.float64)
-    report = {
-        "device": device,
-        "torch": torch.__version__,
-        "load_s": round(loaded - start, 2),
-        "run_s": round(time.perf_counter() - loaded, 2),
-    }
+    report = exchange.costs(device, torch, start, loaded)
     arrays = {
         "depth": points[..., 2],
         "confidence": sure,

@@ -150,11 +150,8 @@ def answered(images, weights: Path, device: str, precision: str):  # noqa: ANN00
         poses = model.camera_head(tokens)
         depth, confidence = model.depth_head(tokens, images=images, patch_start_idx=int(found[1]))
     report = {
-        "device": device,
+        **exchange.costs(device, torch, start, loaded),
         "precision": str(dtype).replace("torch.", ""),
-        "torch": torch.__version__,
-        "load_s": round(loaded - start, 2),
-        "run_s": round(time.perf_counter() - loaded, 2),
         "picture_px": list(images.shape[:2:-1]),
     }
     return _checked(poses[-1], depth, confidence, images.shape), report
