@@ -18,6 +18,7 @@ from harness.core.process.shared_work import Work
 from harness.core.protocols import Context, MethodInfo, Part, Privilege
 from harness.core.settings import configured
 from harness.core.typed_json import to_json
+from harness.geometry.place import no_depth_is_told
 from methods.body.fit.jmbo import NormalsOf
 from methods.body.fitting import fit_body
 from methods.body.models.choice import body_model
@@ -131,7 +132,7 @@ class BodyFit:
 
     def _fit_inputs(self, capture: Capture, context: Context) -> dict[str, object]:
         wanted = self._wanted(capture)
-        centre = context.privileged[Privilege.SUBJECT_CENTRE] if self._is_given_centre() else None
+        centre = self._given_centre(capture, context)
         return {
             "photos": [file_sha256(capture.image_path(view)) for view in wanted],
             "cameras": [capture.cameras[view].to_dict() for view in wanted],
@@ -148,7 +149,7 @@ class BodyFit:
     def _fitted(self, capture: Capture, context: Context) -> BodyFitResult:
         lent = context.privileged
         normals = lent[Privilege.ORACLE_NORMALS] if self.settings.uses_oracle else None
-        centre = lent[Privilege.SUBJECT_CENTRE] if self._is_given_centre() else None
+        centre = self._given_centre(capture, context)
         with context.stage("landmarks"):
             views = load_views(
                 capture,
@@ -182,6 +183,13 @@ class BodyFit:
             normals_in if self.settings.wants_network else None,
             first_in if self.settings.uses_pixie else None,
         )
+
+    def _given_centre(self, capture: Capture, context: Context) -> Floats | None:
+        """The subject's centre where it is a setting, or lent because photos tell no depth."""
+        if self._is_given_centre():
+            return context.privileged[Privilege.SUBJECT_CENTRE]
+        told = not no_depth_is_told([capture.cameras[view] for view in self._wanted(capture)])
+        return None if told else context.privileged.get(Privilege.SUBJECT_CENTRE)
 
     def _is_given_centre(self) -> bool:
         return len(self.views) == 1 and self.settings.depth == "subject-centre"

@@ -53,7 +53,7 @@ _SENTENCES = {
     Privilege.EXACT_MASKS: "The renderer's own coverage masks are given, not estimated ones.",
     Privilege.SUBJECT_CENTRE: (
         "The distance of the middle of the scan's bounding box is given, which fixes the depth "
-        "and the size that a single view cannot tell."
+        "and the size that a single view, or parallel orthographic ones, cannot tell."
     ),
     Privilege.GENERATOR_PRIOR: (
         "The body model is of the family that generated the avatars, and landmark offsets, default "

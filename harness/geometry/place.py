@@ -23,9 +23,10 @@ MEAN_HEIGHT_M = 1.70
 #: a metre off the depth that a box's height suggests, and a metre off the mean height. The last
 #: decides only where no two cameras do.
 _SIZE_WEIGHT, _HEIGHT_WEIGHT = 0.1, 1e-3
-#: An orthographic view alone does not tell depth at all: so far from its camera's origin, metres.
-_UNTOLD_DEPTH_M = 3.0
-#: Cameras that are this far apart, in distances to the subject, tell where it stands.
+#: Where nothing tells depth, a subject is put so far from the camera's origin, metres.
+UNTOLD_DEPTH_M = 3.0
+#: Cameras that are this far apart, in distances to the subject, tell where it stands; orthographic
+#: ones whose axes cross at an angle with this sine.
 _LEAST_BASELINE = 0.2
 
 
@@ -37,7 +38,7 @@ class Place:
         centre: (3,) world metres.
         half_height_m, half_width_m: Half of what the silhouettes span there, the widest of all.
         depth_is_known: Whether cameras apart from each other, or a privilege, tell the distance;
-            otherwise it follows from the mean height of people.
+            otherwise it follows from the mean height of people, or is ``UNTOLD_DEPTH_M``.
     """
 
     centre: Floats
@@ -48,6 +49,16 @@ class Place:
     def distance_m(self, camera: Camera) -> float:
         """How far the middle is from a camera along its optical axis, metres."""
         return float(camera.forward @ (self.centre - camera.position))
+
+
+def no_depth_is_told(cameras: Sequence[Camera]) -> bool:
+    """Whether photos of these cameras look the same wherever along their axes the subject stands.
+
+    That is so of one orthographic camera, and of several whose axes are parallel.
+    """
+    axes = np.array([camera.forward for camera in cameras])
+    crossed = np.linalg.norm(np.cross(axes[:, None], axes[None]), axis=2).max()
+    return all(camera.is_orthographic for camera in cameras) and crossed < _LEAST_BASELINE
 
 
 def place_of(outlines: Sequence[Outline]) -> Place:
@@ -77,7 +88,7 @@ def place_of(outlines: Sequence[Outline]) -> Place:
             rows.append(_SIZE_WEIGHT * np.array([0.0, 0.0, 0.0, 1.0]))
             values.append(_SIZE_WEIGHT * box.height / camera.K[1, 1])
             rows.append(_HEIGHT_WEIGHT * np.append(camera.forward, 0.0))
-            values.append(_HEIGHT_WEIGHT * (origin_m + _UNTOLD_DEPTH_M))
+            values.append(_HEIGHT_WEIGHT * (origin_m + UNTOLD_DEPTH_M))
             continue
         depth_per_height = camera.K[1, 1] / box.height
         rows.append(_SIZE_WEIGHT * np.append(camera.forward, -depth_per_height))
@@ -102,5 +113,5 @@ def _spanned(centre: Floats, cameras: Sequence[Camera], boxes: Sequence[Window])
         heights.append(box.height / 2 * float(camera.spread(depth)) / camera.K[1, 1])
     positions = np.array([camera.eye_of(centre[None])[0] for camera in cameras])
     baseline = np.linalg.norm(positions[:, None] - positions[None], axis=2).max()
-    known = bool(baseline > _LEAST_BASELINE * min(depths))
+    known = bool(baseline > _LEAST_BASELINE * min(depths)) and not no_depth_is_told(cameras)
     return Place(centre, max(heights), max(widths), known)

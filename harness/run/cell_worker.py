@@ -30,8 +30,8 @@ from harness.run.method_choice import ChosenMethod
 from harness.run.publication import BODY_FILE, MESH_FILE, NORMALS_FILE, save_body, save_normals
 from harness.run.record_inputs import Inputs, environment, evaluated
 from harness.run.shared_results import SharedResults
-from harness.run.uncalibrated import as_given, brought, own_world, with_cameras
-from harness.run.view_choice import views_for
+from harness.run.uncalibrated import brought, own_world, with_cameras
+from harness.run.view_choice import as_given, views_for
 from methods.points.surfacing import reconstructed
 
 #: What only a scan can lend.
@@ -149,7 +149,10 @@ class _Task:
         self, capture: Capture, truth: Truth | None, meter: StageMeter, share: Sharing
     ) -> Reconstruction:
         info = self.method.info
-        lent = _nothing_lent(info) if truth is None else lent_to(info, capture, truth.mesh)
+        if truth is None:
+            lent = _nothing_lent(info)
+        else:
+            lent = lent_to(as_given(info, self._capture()), capture, truth.mesh)
         with self._workdir() as workdir:
             context = Context(
                 seed=seed_for(self.job.seed, self.job.method.name, self.job.subject),

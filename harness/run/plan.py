@@ -19,7 +19,7 @@ from harness.run.record_inputs import Inputs, made_from, method_code
 from harness.run.sources import Source
 from harness.run.store import CellFolder, RunStore
 from harness.run.task import Executor
-from harness.run.uncalibrated import as_given
+from harness.run.view_choice import as_given
 
 #: ``read(module, privileges)``, as ``method_code``.
 ReadCode = Callable[[str, tuple[Privilege, ...]], SourceDigest]

@@ -155,17 +155,6 @@ def _true_cameras(photos: Capture) -> tuple[Camera, ...]:
     return tuple(map(Camera.from_dict, exact)) if exact else photos.cameras
 
 
-def as_given(method: MethodInfo, capture: Capture) -> MethodInfo:
-    """What a method says of itself, with the privileges that it has on these photos."""
-    estimate: Mapping[str, Any] | None = capture.provenance.get(ESTIMATE)
-    if estimate is None:
-        return method
-    instead = [] if estimate["focal"] == "found" else [Privilege.FOCAL_LENGTH]
-    instead += [Privilege.ALIGNED] if "own_to_world" in estimate else []
-    rest = [each for each in method.privileges if each != Privilege.KNOWN_CAMERAS]
-    return replace(method, privileges=tuple(dict.fromkeys((*instead, *rest))))
-
-
 def own_world(capture: Capture) -> Capture:
     """The capture as a method is given it: with the cameras as they were found, where they were."""
     estimate: Mapping[str, Any] = capture.provenance.get(ESTIMATE, {})

@@ -3,24 +3,30 @@
 Such a method counts views from the front, 45 degrees apart. Imported photos stand anywhere, and a
 ring of more photos has others between: each of the method's views gets the photo that was taken
 most nearly from there, all together, and each photo once. Views beyond the eighth are those of the
-ring itself.
+ring itself. And what a method is given beyond these photos, where that follows from them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
 from harness.core.errors import MethodError
-from harness.core.protocols import RING, MethodInfo
+from harness.core.protocols import RING, MethodInfo, Privilege
+from harness.geometry.place import no_depth_is_told
 from harness.run.sources import IMPORTED
+from harness.run.uncalibrated import ESTIMATE
 
 #: A photo further than this from the place of its view is told.
 _FAR_DEG = 30.0
+#: Whoever has one of these needs no place of the subject.
+_PLACED = (Privilege.GROUND_TRUTH_MESH, Privilege.OWN_FRAME)
 _MORE = {True: "Import more photos", False: "Name a --recipe with more"}
 
 
@@ -86,6 +92,35 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
     if far:
         details["photos_far_from_their_view_deg"] = {str(view): deg for view, deg in far.items()}
     return ChosenViews(picked, details)
+
+
+def as_given(method: MethodInfo, capture: Capture) -> MethodInfo:
+    """What a method says of itself, with the privileges that it has on these photos.
+
+    Estimated cameras are not known ones. Orthographic photos of parallel cameras are the same at
+    any depth, so that a method that sees no others is given the subject's centre.
+    """
+    estimate: Mapping[str, Any] | None = capture.provenance.get(ESTIMATE)
+    given = list(method.privileges)
+    if estimate is not None:
+        instead = [] if estimate["focal"] == "found" else [Privilege.FOCAL_LENGTH]
+        instead += [Privilege.ALIGNED] if "own_to_world" in estimate else []
+        given = [*instead, *(each for each in given if each != Privilege.KNOWN_CAMERAS)]
+    elif _sees_no_depth(method, capture) and not {*_PLACED} & {*given}:
+        given.append(Privilege.SUBJECT_CENTRE)
+    return replace(method, privileges=tuple(dict.fromkeys(given)))
+
+
+def _sees_no_depth(method: MethodInfo, capture: Capture) -> bool:
+    """Whether a method sees only parallel orthographic photos of a scan."""
+    if capture.recipe == IMPORTED or not any(each.is_orthographic for each in capture.cameras):
+        return False
+    try:
+        cameras = views_for(method, capture).capture.cameras
+    except MethodError:
+        return False
+    seen = [view for view in method.views_of(len(cameras)) if view < len(cameras)]
+    return bool(seen) and no_depth_is_told([cameras[view] for view in seen])
 
 
 def _is_thinned(wanted: tuple[int, ...], count: int) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Body, BodyLandmarks
 from harness.core.camera import Camera
 from harness.core.protocols import Context
+from harness.geometry.place import UNTOLD_DEPTH_M, no_depth_is_told
 from methods.body.fit.jmbo import NormalsOf, optimise
 from methods.body.fit.landmark_fit import (
     average,
@@ -22,7 +23,7 @@ from methods.body.fit.landmark_fit import (
     swapped_views,
 )
 from methods.body.models.model import MAIN_JOINTS, Parameters, ParametricBody, Posed
-from methods.body.photos.views import Views
+from methods.body.photos.views import View, Views
 from methods.body.settings import BodyFitResult, FitCost, FitSettings
 
 if TYPE_CHECKING:
@@ -120,11 +121,29 @@ def fit_body(
         hands_found=(bool(left), bool(right)),
         regions=body.regions,
         views_left_out=views.left_out,
-        depth_is_given=views.views[0].place.depth_is_known,
-        first_is_regressed=first_in is not None,
+        depth=_depth_of(views.views, is_regressed=first_in is not None),
         swapped=fit.swapped,
         cost=fit.cost,
     )
+
+
+def _depth_of(views: Sequence[View], *, is_regressed: bool) -> str:
+    """What decides how far away the body of a single view is; nothing of several."""
+    if len(views) > 1:
+        return ""
+    if views[0].place.depth_is_known:
+        return "held at the subject's given centre"
+    if no_depth_is_told([views[0].camera]):
+        return (
+            "one orthographic view does not tell it: the subject is put "
+            f"{UNTOLD_DEPTH_M} m from the camera's origin"
+        )
+    first = (
+        "the size of the first body that a network regressed"
+        if is_regressed
+        else "the body model's height prior"
+    )
+    return f"one view cannot tell size from distance: {first} decides"
 
 
 def fitted_parameters(

@@ -134,8 +134,7 @@ class BodyFitResult:
         regions: (V,) masks of the body's vertices: ``left_hand``, ``right_hand``, ``face`` and
             ``eyeballs``.
         views_left_out: Why a view could not be used, by its index.
-        depth_is_given: Whether the distance of the subject was known before the fit.
-        first_is_regressed: Whether a network made the first body, and not a fit with a prior.
+        depth: What decided how far away the body of a single view is; empty for several views.
         swapped: Indices of the views whose landmarks had left and right exchanged; None where the
             fit does not look for them.
         cost: Cost of the joint optimisation; None for fits without one.
@@ -146,8 +145,7 @@ class BodyFitResult:
     hands_found: tuple[bool, bool]
     regions: Mapping[str, Mask]
     views_left_out: Mapping[int, str] = field(default_factory=dict[int, str])
-    depth_is_given: bool = False
-    first_is_regressed: bool = False
+    depth: str = ""
     swapped: tuple[int, ...] | None = None
     cost: FitCost | None = None
 
@@ -163,17 +161,8 @@ class BodyFitResult:
             details["views_left_out"] = {
                 str(view): why for view, why in self.views_left_out.items()
             }
-        if len(self.views_used) == 1:
-            details["depth"] = (
-                "held at the subject's given centre"
-                if self.depth_is_given
-                else "one view cannot tell size from distance: "
-                + (
-                    "the size of the first body that a network regressed decides"
-                    if self.first_is_regressed
-                    else "the body model's height prior decides"
-                )
-            )
+        if self.depth:
+            details["depth"] = self.depth
         if self.swapped is not None:
             details["swapped_views"] = list(self.swapped)
         if self.cost is not None:

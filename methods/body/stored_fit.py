@@ -27,8 +27,7 @@ class _Facts:
     views_used: tuple[int, ...]
     hands_found: tuple[bool, bool]
     views_left_out: Mapping[str, str]
-    depth_is_given: bool
-    first_is_regressed: bool
+    depth: str
     swapped: tuple[int, ...] | None
     cost: FitCost | None
 
@@ -39,8 +38,7 @@ def packed(fit: BodyFitResult) -> dict[str, NDArray[Any]]:
         fit.views_used,
         fit.hands_found,
         {str(view): why for view, why in fit.views_left_out.items()},
-        fit.depth_is_given,
-        fit.first_is_regressed,
+        fit.depth,
         fit.swapped,
         fit.cost,
     )
@@ -69,8 +67,7 @@ def unpacked(arrays: Mapping[str, NDArray[Any]]) -> BodyFitResult:
             if name.startswith(_REGION)
         },
         views_left_out={int(view): why for view, why in facts.views_left_out.items()},
-        depth_is_given=facts.depth_is_given,
-        first_is_regressed=facts.first_is_regressed,
+        depth=facts.depth,
         swapped=facts.swapped,
         cost=facts.cost,
     )

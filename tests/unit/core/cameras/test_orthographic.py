@@ -125,9 +125,12 @@ def test_silhouettes_tell_place_and_hull() -> None:
     np.testing.assert_allclose(place.centre, CENTRE, atol=1e-2)
     assert place.half_height_m == pytest.approx(RADIUS, abs=5e-3)
     assert place.depth_is_known
-    alone = place_of(outlines[:1])
-    assert not alone.depth_is_known
-    assert alone.half_height_m == pytest.approx(RADIUS, abs=5e-3)
+    # One, and one from the other side, show the same at any depth.
+    for few in (outlines[:1], outlines[:5:4]):
+        alone = place_of(few)
+        assert not alone.depth_is_known
+        assert alone.half_height_m == pytest.approx(RADIUS, abs=5e-3)
+    assert place_of(outlines[:3:2]).depth_is_known
     hull = hull_of(outlines, HullSettings(voxel_m=0.01))
     across = np.linalg.norm(hull.vertices - CENTRE, axis=1)
     # Eight sides touch the sphere; the corners between them stand off.

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from harness.core.artifacts import Capture, image_name
 from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
-from harness.core.protocols import Context
+from harness.core.protocols import Context, Privilege
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.run.cost import StageMeter
@@ -256,6 +256,21 @@ def test_a_given_centre_holds_one_views_body_there(capture, context, figure):
     assert "given centre" in str(result.details["depth"])
     assert "subject_centre" in given.info.privileges
     assert "subject_centre" not in body_front.info.privileges
+
+
+@pytest.mark.nightly
+@pytest.mark.usefixtures("quick_landmarks")
+def test_depth_that_an_orthographic_view_does_not_tell_is_lent_or_said(capture, context):
+    cameras = tuple(camera.weak_perspective(3.0) for camera in capture.cameras)
+    flat = replace(capture, cameras=cameras)
+    centre = flat.cameras[0].position + 3.4 * flat.cameras[0].forward
+    lent = replace(context, privileged={Privilege.SUBJECT_CENTRE: centre})
+    alone = replace(context, privileged={})
+    for given, depth_m, said in ((lent, 3.4, "given centre"), (alone, 3.0, "3.0 m from the")):
+        result = body_front.reconstruct(flat, given)
+        middle = result.mesh.bounds.mean(axis=0) - flat.cameras[0].position
+        assert middle @ flat.cameras[0].forward == pytest.approx(depth_m, abs=0.02)
+        assert said in str(result.details["depth"])
 
 
 @pytest.mark.parametrize("unused", [{"stage": "average"}, {"normal": "0"}, {"normals": "off"}])

@@ -32,8 +32,7 @@ def fit():
         hands_found=(True, False),
         regions={"left_hand": draw.random(9) < 0.5, "face": draw.random(9) < 0.5},
         views_left_out={1: "its mask is empty"},
-        depth_is_given=True,
-        first_is_regressed=True,
+        depth="held at the subject's given centre",
         swapped=(2,),
         cost=FitCost((1.0, 1 / 3), {"head": (0.1, 0.2)}, "converged"),
     )

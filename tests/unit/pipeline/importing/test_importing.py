@@ -16,7 +16,7 @@ from harness.core.camera import Camera
 from harness.core.camera_frames import write_colmap
 from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.process.threads import silent
-from harness.core.protocols import Context, MethodInfo
+from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.rigs import RingRig
 from harness.data.lens import ForeignCameras, ForeignView
 from harness.geometry.images import load_rgba
@@ -27,7 +27,7 @@ from harness.photos.masks import cut_sides, one_person
 from harness.photos.matching import matched_photos
 from harness.photos.request import ImportRequest
 from harness.photos.world import parsed_axis, quarters_upright, up_of_cameras, upright
-from harness.run.view_choice import views_for
+from harness.run.view_choice import as_given, views_for
 from methods.hull import HullSettings, VisualHull
 from tests.unit.data.test_capture_files import save_turned, stored_as
 from tests.unit.pipeline.importing.conftest import photographed
@@ -534,6 +534,30 @@ def test_a_method_that_needs_perspective_says_so():
     with pytest.raises(MethodError, match="'m' takes no orthographic photos: it finds pinholes"):
         views_for(MethodInfo("m", "M", needs_perspective="it finds pinholes"), ring)
     assert len(views_for(MethodInfo("m", "M"), ring).capture.cameras) == 8
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "views", "given"),
+    [
+        (0.0, (0,), True),
+        (0.0, (0, 4), True),
+        (0.0, (0, 2), False),
+        (0.0, None, False),
+        (15.0, (0,), True),
+        (15.0, (0, 4), False),
+    ],
+)
+def test_who_sees_parallel_photos_alone_is_given_the_depth(pitch_deg, views, given):
+    rig = RingRig(span_m=2.0, pitch_deg=pitch_deg)
+    ring = Capture("toy", "t", "ortho", "", None, rig.cameras(30, 40))  # pyright: ignore
+    method = MethodInfo("m", "M", views=views, privileges=(Privilege.KNOWN_CAMERAS,))
+    added = (Privilege.SUBJECT_CENTRE,) if given else ()
+    assert as_given(method, ring).privileges == (Privilege.KNOWN_CAMERAS, *added)
+    seen = replace(rig, span_m=0.0).cameras(30, 40)
+    assert as_given(method, replace(ring, cameras=seen)) == method
+    assert as_given(method, replace(ring, recipe="imported")) == method
+    placed = replace(method, privileges=(Privilege.GROUND_TRUTH_MESH,))
+    assert as_given(placed, ring) == placed
 
 
 @pytest.mark.parametrize(("count", "photos"), [(16, (0, 2, 4, 6, 8, 10, 12, 14)), (8, range(8))])

@@ -15,7 +15,7 @@ from harness.core.process.threads import silent
 from harness.core.protocols import MethodInfo, Privilege
 from harness.photos.importing import import_photos
 from harness.photos.request import ImportRequest
-from harness.run.uncalibrated import as_given
+from harness.run.view_choice import as_given
 from methods.cameras.values import EstimatedCameras, PhotoReport
 
 INFO = MethodInfo("m", "M", privileges=(Privilege.KNOWN_CAMERAS,))

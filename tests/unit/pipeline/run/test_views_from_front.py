@@ -9,7 +9,7 @@ import pytest
 
 from harness.core.artifacts import Reconstruction
 from harness.core.mesh import Mesh
-from harness.core.protocols import MethodInfo
+from harness.core.protocols import MethodInfo, Privilege
 from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.files.obj import write_obj
@@ -20,6 +20,7 @@ from harness.run.cell_job import CellJob
 from harness.run.method_choice import ChosenMethod
 from harness.run.record_inputs import evaluated
 from harness.run.sources import Source
+from harness.run.view_choice import as_given
 from harness.run.workspace import Workspace
 
 MANIFEST = """\
@@ -31,10 +32,12 @@ rigs:
   ring8: {views: 8}
   published8: {views: 8, first_yaw_deg: 90.0}
   ring16: {views: 16}
+  flat8: {views: 8, span_m: 1.6}
 recipes:
   ours: {rig: ring8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
   theirs: {rig: published8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
   many: {rig: ring16, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
+  parallel: {rig: flat8, width: 96, height: 54, renderer: raycast, minimum_mask_iou: 0.9}
 protocols:
   exact: {version: 1, samples: 500, sampling: stratified, chamfer: point-to-surface}
 """
@@ -64,7 +67,7 @@ class Witness:
     info = MethodInfo("witness", "Witness", views=(0, 4))
 
     def reconstruct(self, capture, context) -> Reconstruction:
-        self.shown = capture
+        self.shown, self.lent = capture, context.privileged
         return Reconstruction(tetrahedron())
 
 
@@ -75,7 +78,8 @@ def carried_out(witness, filed, world, monkeypatch) -> dict:
     chosen = ChosenMethod("witness", "witness", {}, "methods.gt", witness)
     monkeypatch.setattr(ChosenMethod, "of", lambda *_, **__: chosen)
     protocol = manifest.protocol("exact")
-    inputs = evaluated(witness.info, "methods.gt", filed, source.locate("t1"), protocol, 0)
+    info = as_given(witness.info, filed)
+    inputs = evaluated(info, "methods.gt", filed, source.locate("t1"), protocol, 0)
     cell = world / "cell"
     cell.mkdir()
     job = CellJob(source.only("t1"), chosen.ref, protocol.name, 0, inputs, cell, keep=False)
@@ -97,6 +101,7 @@ def test_a_method_is_handed_the_front_first(world, monkeypatch, recipe):
     told = carried_out(witness, filed, world, monkeypatch)
 
     assert told["scores"]["metrics"]["p2s_accuracy"]["value"] == pytest.approx(0, abs=1e-3)
+    assert not witness.lent
     front, back = (witness.shown.cameras[view] for view in witness.info.views)
     np.testing.assert_allclose(front.position, [0, 0, 3], atol=1e-12)
     np.testing.assert_allclose(back.position, [0, 0, -3], atol=1e-12)
@@ -120,6 +125,13 @@ def test_of_sixteen_photos_a_method_is_given_its_own_and_scored_on_all(world, mo
     back = witness.shown.cameras[4]
     np.testing.assert_allclose(back.position, [0, 0, -3], atol=1e-12)
     assert seen == [16]
+
+
+def test_of_parallel_photos_that_tell_no_depth_the_centre_is_lent(world, monkeypatch):
+    witness = Witness()
+    carried_out(witness, filed_capture(world, "parallel"), world, monkeypatch)
+    ends = tetrahedron().bounds
+    np.testing.assert_allclose(witness.lent[Privilege.SUBJECT_CENTRE], ends.mean(axis=0), atol=1e-6)
 
 
 def test_both_numberings_are_the_same_eight_photos(world):
