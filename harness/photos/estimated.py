@@ -24,7 +24,7 @@ from harness.photos.load_photos import TakenView
 from harness.photos.matching import MatchedPhoto
 from harness.photos.one_photo import check_field, level_camera
 from harness.photos.request import AUTO, ImportRequest, check_height
-from harness.run.uncalibrated import ESTIMATE, ESTIMATORS
+from harness.run.uncalibrated import ESTIMATE, ESTIMATORS, found_cameras
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
 
 #: Photos' files tell focal lengths in whole millimetres of 35 mm film, and phones crop.
@@ -110,13 +110,7 @@ def estimated(
         focal, source = Focal(px, _FILE_SD), "file"
     else:
         focal, source = Focal.unknown(photos), "found"
-    count = len(views)
-    found: EstimatedCameras = ESTIMATORS.resolve("estimate")(
-        photos,
-        focal=focal,
-        height_m=height_m,
-        report=lambda done, total: report(count + done, count + total),
-    )
+    found, told = found_cameras(photos, (focal, source), height_m, report)
     words = {"given": "as given", "file": "about as the photos' files tell",
              "found": "found with the cameras, one for all photos"}  # fmt: skip
     used = [value for value in found.focal_px if np.isfinite(value)]
@@ -126,7 +120,6 @@ def estimated(
         f"the person is {height_m:g} m high in the photos, "
         + ("as given" if request.height_m else "which is assumed"),
     )
-    told = {"focal": source, "height_m": height_m, **found.to_dict()}
     return _posed(views, found, folder, {ESTIMATE: told}, notes)
 
 
@@ -143,11 +136,10 @@ def refined(views: Sequence[TakenView], folder: Path, report: StepReport) -> Pos
     Raises:
         MethodError: photos and cameras contradict each other.
     """
-    count = len(views)
     found: EstimatedCameras = ESTIMATORS.resolve("refine")(
         _photo_views(views, folder),
         [view.camera for view in views],
-        report=lambda done, total: report(count + done, count + total),
+        report=report,
     )
     apart = [
         (np.degrees(np.arccos(min(1.0, float(view.camera.forward @ new.forward)))),

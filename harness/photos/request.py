@@ -10,10 +10,10 @@ from harness.core.process.workers import run_worker
 from harness.core.typed_json import from_json
 from harness.data.camera_files import read_cameras
 from harness.data.pictures import find_photos, photo_folder
-from harness.run.progress import Progress, counted
+from harness.run.progress import CAMERAS, PHOTOS, PhotoSteps, Progress
+from methods.cameras.values import STEPS
 
 _WORKER = "harness.photos.importing"
-_PHOTOS, _CAMERAS = "photos", "steps towards cameras"
 #: What the cameras, the photos or a stated prior decide.
 AUTO = "auto"
 #: Where the origin may go.
@@ -126,31 +126,10 @@ def import_capture(
         count = len(read_cameras(Path(request.cameras), Path(request.photos)).views)
     else:
         count = len(find_photos(photo_folder(Path(request.photos))))
-    steps = _Steps(progress, count)
+    towards = STEPS if request.refine or not request.cameras else 0
+    progress.expect(PHOTOS, count)
+    progress.expect(CAMERAS, towards)
+    steps = PhotoSteps(progress, count, towards)
     answer = run_worker(_WORKER, request, progress=steps, timeout_s=timeout_s)
     steps.end()
     return from_json(Imported, answer, "the worker's answer", "an import")
-
-
-class _Steps:
-    """The worker's steps: one for each photo, and those beyond towards cameras."""
-
-    def __init__(self, progress: Progress, photos: int) -> None:
-        self._progress, self._photos, self._left = progress, photos, 0
-        self._of_photos = counted(progress, _PHOTOS)
-        self._of_cameras = counted(progress, _CAMERAS)
-        progress.expect(_PHOTOS, photos)
-
-    def __call__(self, done: int, total: int) -> None:
-        if done <= self._photos:
-            self._of_photos(done, total)
-            return
-        if not self._left:
-            self._progress.expect(_CAMERAS, total - self._photos)
-        self._of_cameras(done - self._photos, total - self._photos)
-        self._left = total - done
-
-    def end(self) -> None:
-        """Steps that were not needed are done, too."""
-        if self._left:
-            self._progress.done(_CAMERAS, self._left)

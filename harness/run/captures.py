@@ -11,13 +11,11 @@ from harness.core.process.interrupts import in_threads
 from harness.core.process.workers import run_worker
 from harness.geometry.images import save_png
 from harness.run.capture_worker import CaptureJob
-from harness.run.progress import Progress, Silent, counted
+from harness.run.progress import CAMERAS, PHOTOS, PhotoSteps, Progress, Silent
 from harness.run.sealed import Look, admit, announce
 from harness.run.sources import Source
 from harness.run.task import Answer, Executor, Local, Task
 
-#: Name of the progress bar that counts views.
-PHOTOS = "photos"
 _WORKER = "harness.run.capture_worker"
 
 
@@ -64,9 +62,16 @@ def photograph(
         return source.imported(subject)
     if source.capture_state(subject)[0] != "cached":
         job = CaptureJob(source.only(subject))
-        report = counted(progress, PHOTOS)
-        run_worker(_WORKER, job, progress=report, timeout_s=timeout_s)
+        steps = PhotoSteps(progress, source.views_to_render, source.camera_steps)
+        run_worker(_WORKER, job, progress=steps, timeout_s=timeout_s)
+        steps.end()
     return Capture.load(source.capture_directory(subject))
+
+
+def expect_photos(progress: Progress, source: Source, subjects: int) -> None:
+    """Announce the photos of so many subjects, and what is done to find their cameras."""
+    progress.expect(PHOTOS, subjects * source.views_to_render)
+    progress.expect(CAMERAS, subjects * source.camera_steps)
 
 
 def render_all(
@@ -90,14 +95,14 @@ def render_all(
     announce(source.manifest, source.name, progress)
     states = {subject: _state(source, subject) for subject in source.subjects}
     waiting = [subject for subject, state in states.items() if state != "cached"]
-    progress.expect(PHOTOS, len(waiting) * source.views_to_render)
-    # Where it is not this machine, nothing is heard of a task's views.
-    views = 0 if executor is None else source.views_to_render
+    expect_photos(progress, source, len(waiting))
     failures: dict[str, str] = {}
 
     def done(answer: Answer) -> None:
         failures[answer.task] = answer.lost or str(answer.value["failure"])
-        progress.done(PHOTOS, views)
+        # Where it is not this machine, nothing is heard of a task's views.
+        if executor is not None:
+            PhotoSteps(progress, source.views_to_render, source.camera_steps).end()
 
     handler = f"{__name__}:{photos_of.__name__}"
     tasks = [

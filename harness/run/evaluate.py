@@ -21,7 +21,7 @@ from harness.core.process.forks import ForkedWorker, serving
 from harness.core.process.workers import WorkerDied, run_worker
 from harness.core.records import CaptureStamp, ProtocolStamp, Record
 from harness.core.typed_json import from_json
-from harness.run.captures import PHOTOS, photograph, require_avatars
+from harness.run.captures import expect_photos, photograph, require_avatars
 from harness.run.cell_job import CellJob, CellResult
 from harness.run.method_choice import ChosenMethod
 from harness.run.plan import Cell, EvalRequest, SubjectFiles, plan
@@ -114,7 +114,7 @@ def evaluate(request: EvalRequest, progress: Progress) -> EvalSummary:
     request.store.begin()
     cells = plan(request)
     waiting = {cell.subject for cell in cells if cell.files is None}
-    progress.expect(PHOTOS, len(waiting) * source.views_to_render)
+    expect_photos(progress, source, len(waiting))
     progress.expect(CELLS, len(cells))
     run = RunOfTasks(request, progress, CellRun(request).given_up)
     tasks = run.tasks_for(cells)

@@ -23,6 +23,7 @@ from harness.data.subjects import fit_of, load_subject, locate_subject
 from harness.run.fitted_truth import with_fitted_body
 from harness.run.uncalibrated import estimate_inputs, estimated_capture
 from harness.run.workspace import Workspace
+from methods.cameras.values import STEPS
 from renderers.capture import CaptureInputs, capture
 
 #: The dataset that imported captures are in, and what stands in the place of their recipe.
@@ -184,6 +185,11 @@ class Source:
     def views_to_render(self) -> int:
         """Photos of a subject whose photos are missing."""
         return 0 if self.recipe is None else self.recipe.rig.views
+
+    @property
+    def camera_steps(self) -> int:
+        """Steps towards the cameras of such a subject, where they are estimated."""
+        return STEPS if self.suffix else 0
 
     @property
     def scale_rule(self) -> str:

@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.errors import DataError, HarnessError
-from harness.run.captures import PHOTOS
 from harness.run.plan import Cell, EvalRequest, RequestJob, SubjectFiles, SubjectJob
-from harness.run.progress import Progress
+from harness.run.progress import PhotoSteps, Progress
 from harness.run.store import Outcome
 from harness.run.task import Answer, Task
 
@@ -142,7 +141,8 @@ class RunOfTasks:
                 )
         # A task elsewhere says nothing of its views.
         if is_photos and self._request.executor is not None:
-            self._progress.done(PHOTOS, self._request.source.views_to_render)
+            source = self._request.source
+            PhotoSteps(self._progress, source.views_to_render, source.camera_steps).end()
 
     def machines(self) -> tuple[MachineShare, ...]:
         """Which machine did what, by name."""

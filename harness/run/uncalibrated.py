@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,6 @@ ESTIMATORS = Registry(
 )
 #: Where a capture tells of its estimate.
 ESTIMATE = "estimate"
-_SEED = 0
 #: So many of the scan's vertices, about, are projected.
 _POINTS = 2000
 
@@ -72,7 +71,6 @@ def estimate_inputs(photos: Capture, suffix: str) -> dict[str, object]:
     return {
         "photos": photos.key,
         "cameras": suffix,
-        "seed": _SEED,
         **code.to_dict(),
     }
 
@@ -89,7 +87,7 @@ def estimated_capture(
         mesh: The scan, whose height is told as a person's is: to a centimetre.
         recipe: Its recipe's name, which says how cameras are known.
         directory: Receives ``capture.json``, ``transforms.json`` and ``rgb/``.
-        report: Called after every step.
+        report: Called after every step, counted on from the photos.
 
     Raises:
         MethodError: no cameras can be trusted of these photos.
@@ -138,15 +136,32 @@ def _estimated(
         PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
         for view in range(len(photos.cameras))
     ]
-    focal = Focal.unknown(views)
+    focal, source = Focal.unknown(views), "found"
     if suffix == CAMERAS["estimated"]:
         focal = Focal(tuple(float(camera.K[0, 0]) for camera in photos.cameras))
-    height_m = round(float(mesh.extent[1]), 2)
+        source = "given"
+    return found_cameras(views, (focal, source), round(float(mesh.extent[1]), 2), report)
+
+
+def found_cameras(
+    photos: Sequence[PhotoView], focal: tuple[Focal, str], height_m: float, report: StepReport
+) -> tuple[EstimatedCameras, dict[str, object]]:
+    """The cameras in a world of their own, and what a capture tells of them.
+
+    Args:
+        photos: Of a person who stands still.
+        focal: Their focal lengths, and where these are from: ``given``, ``file`` or ``found``.
+        height_m: The person's, metres.
+        report: Called after every step, counted on from the photos.
+
+    Raises:
+        MethodError: no cameras can be trusted of these photos.
+        MissingPart: MediaPipe is not installed.
+    """
     found: EstimatedCameras = ESTIMATORS.resolve("estimate")(
-        views, focal=focal, height_m=height_m, seed=_SEED, report=report
+        photos, focal=focal[0], height_m=height_m, report=report
     )
-    given = "given" if focal.is_given else "found"
-    return found, {"focal": given, "height_m": height_m, **found.to_dict()}
+    return found, {"focal": focal[1], "height_m": height_m, **found.to_dict()}
 
 
 def _true_cameras(photos: Capture) -> tuple[Camera, ...]:

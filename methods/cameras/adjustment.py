@@ -116,12 +116,6 @@ class Rig:
             middle=self.middle[chosen],
         )
 
-    def with_view(self, view: int, rotation: Floats, shift: Floats) -> Rig:
-        """The rig with another pose of one camera."""
-        rotations, shifts = self.rotations.copy(), self.shifts.copy()
-        rotations[view], shifts[view] = rotation, shift
-        return replace(self, rotations=rotations, shifts=shifts)
-
     def with_views(self, views: Sequence[int], other: Rig) -> Rig:
         """The rig with some cameras as another rig of only these has them, and its points."""
         rotations, shifts = self.rotations.copy(), self.shifts.copy()
@@ -156,14 +150,12 @@ class Seen:
 
     Attributes:
         pixels: (M, 2).
-        in_camera: (M, 3) metres.
         by_pose: (M, 2, 6) pixels for a turn and a shift of the camera.
         by_point: (M, 2, 3) pixels for a world metre.
         by_factor: (M, 2) pixels for the logarithm of the focal lengths' factor.
     """
 
     pixels: Floats
-    in_camera: Floats
     by_pose: Floats
     by_point: Floats
     by_factor: Floats
@@ -179,7 +171,7 @@ def seen(rig: Rig, views: Ints, points: Floats) -> Seen:
     by_camera[:, [0, 1], [0, 1]] = focal / depth[:, None]
     by_camera[:, :, 2] = -beside / depth[:, None]
     by_pose = np.concatenate([-by_camera @ crosses(inside), by_camera], axis=2)
-    return Seen(beside + rig.middle[views], inside, by_pose, by_camera @ turns, beside)
+    return Seen(beside + rig.middle[views], by_pose, by_camera @ turns, beside)
 
 
 def crosses(vectors: Floats) -> Floats:

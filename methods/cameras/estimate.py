@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +18,9 @@ from harness.geometry.place import place_of
 from harness.geometry.similarity import camera_similarity
 from methods.body.photos.detection import Detections, detect_in
 from methods.cameras.adjustment import Rig, Solved, solved
-from methods.cameras.answer import answer, check_matches, check_round, unmatched
+from methods.cameras.checks import check_matches, check_round, spreads, unmatched
 from methods.cameras.coherence import DistanceMap, distance_map, outline_of
-from methods.cameras.landmarks import LandmarkRows, first_rig, landmark_spans
+from methods.cameras.landmarks import by_landmarks, landmark_spans
 from methods.cameras.matches import (
     Matches,
     MatchRows,
@@ -30,7 +30,14 @@ from methods.cameras.matches import (
     met,
 )
 from methods.cameras.search import Silhouettes, brought_back, coherent, settled, shaken, upright
-from methods.cameras.values import EstimatedCameras, Focal, PhotoView, StageReport
+from methods.cameras.values import (
+    STEPS,
+    EstimatedCameras,
+    Focal,
+    PhotoReport,
+    PhotoView,
+    StageReport,
+)
 from methods.closed.lattices import contoured, evened, hull_field, hull_lattice
 
 LEAST_PHOTOS, MOST_PHOTOS, _SURE_PHOTOS = 5, 64, 6
@@ -47,12 +54,9 @@ _SOLE_M = 0.03
 #: Outlines that miss by more than this, root mean square, contradict each other, metres: wrong
 #: minima miss by 4 mm, right ones by 0.2 to 0.8.
 _COHERENT_M = 0.002
-_STARTS = 2
+_STARTS, _SEED = 2, 0
 #: The first search for matches, and later ones with cameras that are nearly right.
-_SEARCHES = (
-    MatchSearch(0.03, 0.0015, 4, 0.0022),
-    MatchSearch(0.03, 0.0015, 2, 0.0011),
-)
+_SEARCHES = MatchSearch(sample_m=0.0022, across_px=4), MatchSearch(sample_m=0.0011, across_px=2)
 #: A given focal length is doubted where outlines, trusted to so many metres, cost less by this
 #: share within so many rounds with one that differs by more than this.
 _OTHER_FOCAL_SD_M, _OTHER_FOCAL_GAIN = 0.001, 0.5
@@ -63,7 +67,7 @@ _OTHER_FOCAL_ROUNDS, _OTHER_FOCAL_PERCENT = 8, 1.5
 _LEAST_PX, _LEAST_GAIN, _PLACES_ASKED = 0.15, 0.9, 2000
 _CALM_M, _REFINED_M = 0.0004, (0.008, 0.0028, 0.001)
 #: A later search that takes less than this share of the cost away is the last; so many at most.
-_REST_GAIN, _MOST_PASSES = 0.1, 3
+_REST_GAIN, _MOST_PASSES = 0.1, STEPS - 2
 #: Beside matches outlines are trusted to so many times what is left in them, metres.
 _LEFT_SHARE, _LEAST_LEFT_M = 12.0, 0.0005
 
@@ -74,7 +78,6 @@ def estimate_cameras(
     focal: Focal,
     height_m: float,
     landmarks: Detections | None = None,
-    seed: int = 0,
     report: StepReport = silent,
 ) -> EstimatedCameras:
     """The cameras of photos that were taken around a person who stands still.
@@ -84,42 +87,34 @@ def estimate_cameras(
         focal: Their focal lengths.
         height_m: The person's height, with shoes and hair, metres.
         landmarks: Of the photos, in their order; None finds them with MediaPipe.
-        seed: Of the search.
-        report: Called after every step.
+        report: Called after every step, counted on from the photos.
 
     Raises:
         MethodError: photos that no cameras can be trusted of; the sentence says what is wrong.
         MissingPart: MediaPipe is needed, and not installed.
     """
-    steps = _Steps(report)
+    steps = _Steps(len(photos), report)
     group = _group(photos, focal, landmarks)
     steps.done("landmarks", {"photos": float(len(group.photos))}, 0.0)
     group, rig, given = _by_landmarks(group, height_m)
-    group, rig, given = _by_outlines(group, rig, given, np.random.default_rng(seed))
+    group, rig, given = _by_outlines(group, rig, given, np.random.default_rng(_SEED))
     warnings = check_round(rig, group.reasons)
     rig, given = _finer(group, rig, given, height_m)
     warnings += _other_focal(rig, given)
     steps.done("outlines", {"missed_mm": 1e3 * given.misses_m(rig)[0]}, 0.0)
 
-    def placed(rig: Rig, given: Silhouettes) -> tuple[Rig, Mesh]:
-        return _in_world(rig, given, height_m, _HULL_STEP_M)
-
-    found, matches = _by_photos(group.photos, rig, given, (placed, steps))
-    while (view := unmatched(found.rig, matches)) is not None:
-        group, rig, given = _without(
-            group, (found.rig, given), view, "it looks like none of its neighbours"
-        )
-        found, matches = _by_photos(group.photos, rig, given, (placed, steps))
+    while True:
+        found, matches = _by_photos(group.photos, rig, given, height_m, steps)
+        view = unmatched(found.rig, matches)
+        if view is None:
+            break
+        why = "it looks like none of its neighbours"
+        group, rig, given = _without(group, (found.rig, given), view, why)
     warnings += check_matches(found.rig, matches)
-    found = replace(found, rig=placed(found.rig, given)[0])
+    found = replace(found, rig=_in_world(found.rig, given, height_m)[0])
     if len(group.photos) < _SURE_PHOTOS:
         warnings += (f"cameras of {len(group.photos)} photos are weak: take eight",)
-    return answer(
-        (group.photos, np.array(group.numbers)),
-        (group.names, group.left_out),
-        (found, given, matches),
-        (steps.stages, warnings),
-    )
+    return _answer(group, (found, given, matches), (steps.stages, warnings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +124,7 @@ class _Group:
     Attributes:
         photos: In an order that does not depend on the one given.
         numbers: Of each among those given.
-        told: Their landmarks.
+        told: Their landmarks; None where cameras are given.
         base: Their focal lengths and principal points; poses say nothing.
         left_out: Of all that were given: number and reason.
         names: Of all that were given.
@@ -137,7 +132,7 @@ class _Group:
 
     photos: tuple[PhotoView, ...]
     numbers: tuple[int, ...]
-    told: Detections
+    told: Detections | None
     base: Rig
     left_out: dict[int, str]
     names: tuple[str, ...]
@@ -162,7 +157,7 @@ class _Group:
             self,
             photos=tuple(self.photos[v] for v in keep),
             numbers=tuple(self.numbers[v] for v in keep),
-            told=self.told.at(keep),
+            told=self.told and self.told.at(keep),
             base=self.base.at(keep),
             left_out=left_out,
         )
@@ -171,16 +166,17 @@ class _Group:
 class _Steps:
     """What stages did, and how long they took."""
 
-    def __init__(self, report: StepReport) -> None:
+    def __init__(self, photos: int, report: StepReport) -> None:
         self.stages: list[StageReport] = []
-        self._report, self._since = report, time.perf_counter()
+        self._photos, self._report, self._since = photos, report, time.perf_counter()
 
     def done(self, name: str, residuals: dict[str, float], gain: float) -> None:
         """A stage has ended."""
         now = time.perf_counter()
         self.stages.append(StageReport(name, now - self._since, residuals, gain))
         self._since = now
-        self._report(len(self.stages), 2 + _MOST_PASSES)
+        done = min(len(self.stages), STEPS)
+        self._report(self._photos + done, self._photos + STEPS)
 
 
 def _group(photos: Sequence[PhotoView], focal: Focal, landmarks: Detections | None) -> _Group:
@@ -223,8 +219,8 @@ def _group(photos: Sequence[PhotoView], focal: Focal, landmarks: Detections | No
 def _by_landmarks(group: _Group, height_m: float) -> tuple[_Group, Rig, Silhouettes]:
     """The rig that landmarks tell, and the outlines at the size that it sees them in."""
     while True:
-        rig, told = first_rig(group.base, group.told)
-        rig = solved(rig, [LandmarkRows(told, landmark_spans(rig), 0.015)], 40).rig
+        assert group.told is not None
+        rig, told = by_landmarks(group.base, group.told)
         depths = rig.depths(rig.points.mean(axis=0))
         nearest = int(np.argmin(depths))
         if depths[nearest] > _NEAREST * height_m:
@@ -338,8 +334,15 @@ def _other_focal(rig: Rig, given: Silhouettes) -> tuple[str, ...]:
     return (f"{text}: leave it unknown if it is not sure",)
 
 
-def _in_world(rig: Rig, given: Silhouettes, height_m: float, step_m: float) -> tuple[Rig, Mesh]:
-    """The rig in metres, +Y up, the person facing +Z about the origin, and the hull there."""
+def _in_world(
+    rig: Rig, given: Silhouettes, height_m: float, step_m: float = _HULL_STEP_M
+) -> tuple[Rig, Mesh]:
+    """The rig in metres, +Y up, the person facing +Z about the origin, and the hull there.
+
+    Without a height the rig stays where it is.
+    """
+    if not height_m:
+        return rig, _hull(rig, given, step_m)[0]
     left = rig.points[[11, 23]].mean(axis=0) - rig.points[[12, 24]].mean(axis=0)
     up = upright(rig)
     front = np.cross(left, up)
@@ -372,17 +375,13 @@ def _hull(rig: Rig, given: Silhouettes, step_m: float) -> tuple[Mesh, float]:
     return evened(contoured(lattice, depth, "visual hull")), floor
 
 
-_Placed = Callable[[Rig, Silhouettes], tuple[Rig, Mesh]]
-
-
 def _by_photos(
-    photos: Sequence[PhotoView], rig: Rig, given: Silhouettes, how: tuple[_Placed, _Steps]
+    photos: Sequence[PhotoView], rig: Rig, given: Silhouettes, height_m: float, steps: _Steps
 ) -> tuple[Solved, Matches]:
     """The cameras that matches of photos and outlines tell together."""
-    placed, steps = how
     number = 0
     while True:
-        rig, mesh = placed(rig, given)
+        rig, mesh = _in_world(rig, given, height_m)
         search = _SEARCHES[min(number, 1)]
         matches = find_matches(mesh, rig, photos, search)
         left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
@@ -418,12 +417,12 @@ def refine_cameras(
     Args:
         photos: In the cameras' order.
         cameras: With these photos' pixels; metres.
-        report: Called after every step.
+        report: Called after every step, counted on from the photos.
 
     Raises:
         MethodError: photos and cameras that contradict each other.
     """
-    steps = _Steps(report)
+    steps = _Steps(len(photos), report)
     if any(camera.is_orthographic for camera in cameras):
         raise MethodError("orthographic cameras cannot be refined", expected="perspective ones")
     place = place_of([outline_of(photo, c) for photo, c in zip(photos, cameras, strict=True)])
@@ -439,23 +438,57 @@ def refine_cameras(
         raise _contradiction(missed, each, [photo.name for photo in photos])
     steps.done("outlines", {"missed_mm": 1e3 * missed}, 0.0)
 
-    def placed(rig: Rig, given: Silhouettes) -> tuple[Rig, Mesh]:
-        return rig, _hull(rig, given, _HULL_STEP_M)[0]
-
-    found, matches = _by_photos(photos, rig, given, (placed, steps))
+    found, matches = _by_photos(photos, rig, given, 0.0, steps)
     warnings = check_matches(found.rig, matches)
-    moved = _better(cameras, found.rig, matches, placed(found.rig, given)[1].vertices)
+    moved = _better(cameras, found.rig, matches, _in_world(found.rig, given, 0.0)[1].vertices)
     if moved is None:
         warnings += ("the cameras stay as they were given: no others fit the photos better",)
     kept = replace(Rig.of(moved or cameras), points=found.rig.points)
-    told = answer(
-        (photos, np.arange(len(photos))),
-        ([photo.name for photo in photos], {}),
-        (replace(found, rig=kept), given, matches),
-        (steps.stages, warnings),
-        gauge="place, turn and scale of the world are those of the cameras that were given",
+    names = tuple(photo.name for photo in photos)
+    group = _Group(tuple(photos), tuple(range(len(names))), None, kept, {}, names)
+    told = _answer(group, (replace(found, rig=kept), given, matches), (steps.stages, warnings))
+    gauge = "place, turn and scale of the world are those of the cameras that were given"
+    return replace(told, cameras=tuple(moved or cameras), gauge=gauge)
+
+
+def _answer(
+    group: _Group,
+    found: tuple[Solved, Silhouettes, Matches],
+    told: tuple[Sequence[StageReport], Sequence[str]],
+) -> EstimatedCameras:
+    """The cameras in the order in which photos were given, and what is left in each.
+
+    Args:
+        group: The photos that have cameras.
+        found: The least cost, the outlines, and the matches.
+        told: Stages and warnings.
+    """
+    best, given, matches = found
+    rig, (own, factor_sd) = best.rig, spreads(best)
+    misses = given.misses_m(rig)[1] / landmark_spans(rig)
+    off = np.abs(met(rig, matches).off_px)
+    cameras = rig.cameras([photo.size for photo in group.photos])
+    view_of = {number: view for view, number in enumerate(group.numbers)}
+    reports: list[PhotoReport] = []
+    for number, name in enumerate(group.names):
+        if number not in view_of:
+            reports.append(PhotoReport(name, np.nan, 0, np.nan, group.left_out[number]))
+            continue
+        view = view_of[number]
+        mine = off[(matches.views == view).any(axis=1)]
+        match_px = float(np.median(mine)) if len(mine) else np.nan
+        reports.append(PhotoReport(name, float(misses[view]), len(mine), match_px))
+    views = [view_of.get(number) for number in range(len(group.names))]
+    return EstimatedCameras(
+        cameras=tuple(None if view is None else cameras[view] for view in views),
+        covariances=tuple(None if view is None else own[view] for view in views),
+        focal_px=tuple(np.nan if view is None else float(rig.focal[view, 0]) for view in views),
+        focal_relative_sd=factor_sd,
+        stages=tuple(told[0]),
+        photos=tuple(reports),
+        contradiction_mm=1e3 * contradiction_m(rig, matches),
+        warnings=tuple(told[1]),
     )
-    return replace(told, cameras=tuple(moved or cameras))
 
 
 def _better(

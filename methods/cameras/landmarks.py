@@ -13,7 +13,7 @@ import numpy as np
 
 from harness.core.arrays import Floats, Mask
 from methods.body.photos.detection import COUNT, Detections
-from methods.cameras.adjustment import Rig, Rows, pose_columns, seen, sparse_rows
+from methods.cameras.adjustment import Rig, Rows, pose_columns, seen, solved, sparse_rows
 
 #: Landmarks of the face, the hands and the feet say less of where the body is.
 _TRUST = np.ones(COUNT)
@@ -24,6 +24,8 @@ _ROUNDS, _STARTS = 40, 3
 #: Landmarks in space are off by about so much, metres. Left and right are exchanged where the mean
 #: loss falls by more than the latter.
 _SPACE_M, _SWAP = 0.1, 0.15
+#: And in pictures.
+_PICTURE_M = 0.015
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,8 +105,8 @@ def landmark_spans(rig: Rig) -> Floats:
     return rig.depths(rig.points.mean(axis=0)) / rig.focal.mean(axis=1)
 
 
-def first_rig(rig: Rig, found: Detections) -> tuple[Rig, Detections]:
-    """The rig that landmarks in space tell, and the landmarks with left and right as they fit.
+def by_landmarks(rig: Rig, found: Detections) -> tuple[Rig, Detections]:
+    """The rig that landmarks tell, and the landmarks with left and right as they fit.
 
     Args:
         rig: Focal lengths and principal points of its views; its poses are not read.
@@ -122,7 +124,8 @@ def first_rig(rig: Rig, found: Detections) -> tuple[Rig, Detections]:
             for view in range(len(rig))
         ]
     )
-    return replace(rig, rotations=rotations, shifts=shifts, points=shape), told
+    rig = replace(rig, rotations=rotations, shifts=shifts, points=shape)
+    return solved(rig, [LandmarkRows(told, landmark_spans(rig), _PICTURE_M)], _ROUNDS).rig, told
 
 
 def _procrustes(found: Detections) -> tuple[Floats, Mask, Floats]:

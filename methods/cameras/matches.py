@@ -9,7 +9,8 @@ of photos tell of one place, both must put it equally far out along the normal.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -35,35 +36,22 @@ LEAST_MATCHES = 15
 _MATCH_PX, _PLACE_M, _ALIKE = 0.3, 0.0007, 0.1
 #: One place in so many is not adjusted to, so that it can judge.
 _HELD_OUT = 5
-#: Another peak is this far from the best one, metres.
-_APART_M = 0.004
 
 
 @dataclass(frozen=True, slots=True)
-class MatchSearch:
-    """How matches are searched.
+class MatchSearch(NarrowSettings):
+    """How matches are searched, along the normals and across them.
 
     Attributes:
-        reach_m, step_m: Along the normal, to either side and between two offsets.
         across_px: To either side across the lines of matching, pixels of the picture matched.
-        sample_m: Between two samples of a patch; pictures are made smaller to match it.
     """
 
-    reach_m: float
-    step_m: float
-    across_px: int
-    sample_m: float
-
-    @property
-    def narrow(self) -> NarrowSettings:
-        """The same as stereo has it."""
-        return NarrowSettings(
-            reach_m=self.reach_m,
-            step_m=self.step_m,
-            sample_m=self.sample_m,
-            correlation=0.75,
-            margin=0.12,
-        )
+    reach_m: float = 0.03
+    step_m: float = 0.0015
+    correlation: float = 0.75
+    margin: float = 0.12
+    apart_m: float = 0.004
+    across_px: int = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,13 +88,17 @@ class Matches:
 
     def of(self, chosen: Mask) -> Matches:
         """Some of them."""
-        return Matches(
-            self.views[chosen],
-            self.first[chosen],
-            self.second[chosen],
-            self.place[chosen],
-            self.normals[chosen],
-        )
+        return Matches(*(values[chosen] for values in self.arrays))
+
+    @property
+    def arrays(self) -> list[Any]:
+        """All of it, field by field."""
+        return [getattr(self, each.name) for each in fields(self)]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Matches]) -> Matches:
+        """All of some matches, one after the other."""
+        return cls(*map(np.concatenate, zip(*(part.arrays for part in parts), strict=True)))
 
     def counts(self) -> dict[tuple[int, int], int]:
         """How many each pair of views has."""
@@ -128,20 +120,20 @@ def find_matches(mesh: Mesh, rig: Rig, shown: Sequence[PhotoView], search: Match
         shown: Their photos.
         search: How.
     """
-    centre, narrow = mesh.bounds.mean(axis=0), search.narrow
+    centre = mesh.bounds.mean(axis=0)
     found = photo_pairs(rig, centre)
     views = [
         stereo_view(camera, photo.rgba)
         for camera, photo in zip(rig.cameras([p.size for p in shown]), shown, strict=True)
     ]
     photos = [
-        contrast(view, reduction(view.camera, centre, narrow.sample_m), narrow.flatten_px)
+        contrast(view, reduction(view.camera, centre, search.sample_m), search.flatten_px)
         for view in views
     ]
     cameras = [photo.camera for photo in photos]
     every = max(1, len(mesh.vertices) // _PLACES)
     points, normals = mesh.vertices[::every], outward(Neighbourhood(mesh))[::every]
-    quality = seen_by_pairs(Raycaster(mesh), (points, normals), cameras, found, narrow.facing)
+    quality = seen_by_pairs(Raycaster(mesh), (points, normals), cameras, found, search.facing)
     best = np.argsort(-quality, axis=1, kind="stable")[:, :_ASKED]
     span_m = pixel_span_m(cameras, centre)
 
@@ -157,23 +149,9 @@ def find_matches(mesh: Mesh, rig: Rig, shown: Sequence[PhotoView], search: Match
         names = np.tile(np.array(pair), (len(sure), 1))
         return Matches(names, pixels[0], pixels[1], rows[sure], normals[rows[sure]])
 
-    parts = [_NONE, *on_all_cores(ask, range(len(found)))]
-    return Matches(
-        np.concatenate([part.views for part in parts]),
-        np.concatenate([part.first for part in parts]),
-        np.concatenate([part.second for part in parts]),
-        np.concatenate([part.place for part in parts]),
-        np.concatenate([part.normals for part in parts]),
-    )
-
-
-_NONE = Matches(
-    np.zeros((0, 2), np.int64),
-    np.zeros((0, 2)),
-    np.zeros((0, 2)),
-    np.zeros(0, np.int64),
-    np.zeros((0, 3)),
-)
+    nothing, flat = np.zeros(0, np.int64), np.zeros((0, 2))
+    none = Matches(np.zeros((0, 2), np.int64), flat, flat, nothing, np.zeros((0, 3)))
+    return Matches.joined([none, *on_all_cores(ask, range(len(found)))])
 
 
 def _asked(
@@ -190,7 +168,7 @@ def _asked(
     curves: list[Singles] = []
     for step in np.arange(-search.across_px, search.across_px + 1):
         moved = replace(second, camera=second.camera.shifted(*(step * across)))
-        curves.append(correlation_curves(points, normals, (first, moved), search.narrow, span_m))
+        curves.append(correlation_curves(points, normals, (first, moved), search, span_m))
     sure, offset, aside = _sure(np.stack(curves), search)
     if len(sure) < LEAST_MATCHES:
         return none
@@ -223,11 +201,10 @@ def _sure(curves: Singles, search: MatchSearch) -> tuple[Ints, Floats, Floats]:
     side, offset = np.unravel_index(flat.argmax(axis=1), (sides, offsets))
     row = np.arange(count)
     peak = flat.max(axis=1)
-    far = np.abs(np.arange(offsets) - offset[:, None]) * search.step_m > _APART_M
+    far = np.abs(np.arange(offsets) - offset[:, None]) * search.step_m > search.apart_m
     second = np.where(far, curves.max(axis=0), -1.0).max(axis=1)
     inner = (side > 0) & (side < sides - 1) & (offset > 0) & (offset < offsets - 1)
-    narrow = search.narrow
-    sure = np.flatnonzero(inner & (peak > narrow.correlation) & (peak - second > narrow.margin))
+    sure = np.flatnonzero(inner & (peak > search.correlation) & (peak - second > search.margin))
     at, along = side[sure], offset[sure]
     row = row[sure]
     top = curves[at, row, along].astype(np.float64)

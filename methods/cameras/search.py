@@ -24,7 +24,7 @@ from methods.cameras.landmarks import LandmarkRows, landmark_spans
 _RAYS = 90
 #: Trusted distances of outlines and landmarks in pictures, metres, and most rounds: at first, after
 #: a view was turned, and to finish.
-_FIRST, _AFTER, _FINISH = (0.008, 0.015, 10), (0.008, 0.020, 8), ((0.0028, 0.03, 10),)
+_FIRST, _AFTER, _FINISH = (0.008, 0.015, 10), (0.008, 0.020, 8), (0.0028, 0.03, 10)
 _SEARCHED = (0.008, 0.025)
 #: Rays that miss by more than this, root mean square, make a view worth turning, metres: so many
 #: views at most, by these angles.
@@ -98,9 +98,7 @@ def coherent(rig: Rig, given: Silhouettes) -> tuple[Rig, Silhouettes]:
 
 def settled(rig: Rig, given: Silhouettes) -> Rig:
     """The rig with outlines trusted more and landmarks less."""
-    for stage in _FINISH:
-        rig = _settled(rig, given, stage)
-    return rig
+    return _settled(rig, given, _FINISH)
 
 
 def brought_back(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouettes]:
@@ -138,7 +136,8 @@ def _led_round(rig: Rig, view: int, angle_deg: float) -> Rig:
     centre = rig.points.mean(axis=0)
     turn = Rotation.from_rotvec(np.radians(angle_deg) * upright(rig)).as_matrix()
     shift = rig.shifts[view] + rig.rotations[view] @ (centre - turn @ centre)
-    return rig.with_view(view, rig.rotations[view] @ turn, shift)
+    led = replace(rig, rotations=(rig.rotations[view] @ turn)[None], shifts=shift[None])
+    return rig.with_views([view], led)
 
 
 def _searched(rig: Rig, given: Silhouettes) -> tuple[Rig, Silhouettes, bool]:

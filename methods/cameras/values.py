@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from harness.core.arrays import Bytes, Floats
 from harness.core.camera import Camera
 from harness.core.errors import DataError
+from harness.core.typed_json import to_json
 
 #: Without any word of a lens: phones' main cameras, in longer sides of the picture, and how far
 #: lenses are from them.
 _USUAL_FOCAL, _USUAL_SD = 1.1, 0.35
+#: An estimate reports as many steps as there are photos and so many more, at most.
+STEPS = 5
 #: What photos of a person cannot tell.
 GAUGE = (
     "the scale is from the person's height, the world's upright from the cameras and the person, "
@@ -72,11 +76,6 @@ class Focal:
         """Of one camera whose lens nobody knows: a usual one, to be found."""
         return cls(tuple(_USUAL_FOCAL * max(photo.size) for photo in photos), _USUAL_SD)
 
-    @property
-    def is_given(self) -> bool:
-        """Whether they are held."""
-        return self.relative_sd == 0
-
 
 @dataclass(frozen=True, slots=True)
 class StageReport:
@@ -84,13 +83,13 @@ class StageReport:
 
     Attributes:
         name: ``landmarks``, ``outlines``, ``photos 1`` and so on.
-        seconds: Wall time.
+        time_s: Wall time.
         residuals: What is left after it, by name; names carry the unit.
         gain: Share of the stage's own cost that it took away, 0 to 1.
     """
 
     name: str
-    seconds: float
+    time_s: float
     residuals: dict[str, float]
     gain: float
 
@@ -154,34 +153,18 @@ class EstimatedCameras:
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values of everything but the cameras, for a capture's provenance."""
-        return {
-            "focal_px": [_number(px, 2) for px in self.focal_px],
-            "focal_relative_sd": round(self.focal_relative_sd, 5),
-            "covariances": [None if c is None else c.tolist() for c in self.covariances],
-            "stages": [
-                {
-                    "name": stage.name,
-                    "time_s": round(stage.seconds, 2),
-                    "residuals": {name: _number(v, 4) for name, v in stage.residuals.items()},
-                    "gain": round(stage.gain, 4),
-                }
-                for stage in self.stages
-            ],
-            "photos": [
-                {
-                    "name": photo.name,
-                    "outline_px": _number(photo.outline_px, 3),
-                    "matches": photo.matches,
-                    "match_px": _number(photo.match_px, 3),
-                    **({"left_out": photo.left_out} if photo.left_out else {}),
-                }
-                for photo in self.photos
-            ],
-            "contradiction_mm": _number(self.contradiction_mm, 3),
-            "gauge": self.gauge,
-        }
+        told = {each.name: getattr(self, each.name) for each in fields(self)}
+        del told["cameras"], told["warnings"]
+        shown: dict[str, object] = _rounded(to_json(told))
+        return shown
 
 
-def _number(value: float, digits: int) -> float | None:
-    """Rounded for JSON, which has no NaN."""
-    return None if np.isnan(value) else round(value, digits)
+def _rounded(value: Any) -> Any:
+    """JSON values with five digits of each number, and none that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _rounded(entry) for name, entry in value.items()}
+    if isinstance(value, list | np.ndarray):
+        return [_rounded(entry) for entry in value]
+    if isinstance(value, float):
+        return float(f"{value:.5g}") if np.isfinite(value) else None
+    return value

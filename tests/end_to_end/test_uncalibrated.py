@@ -88,7 +88,7 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
 
     ((count, focal, height_m),) = calls  # cached by what it is made from
     assert (count, height_m) == (8, 1.6)
-    assert focal.is_given
+    assert focal.relative_sd == 0
     assert focal.px[0] == pytest.approx(true[0].K[0, 0])
     assert source.capture_state("t1") == ("cached", "")
     # The hull is carved in another world, on another grid.

@@ -7,6 +7,7 @@ import io
 import pytest
 
 from harness.cli.display import ProgressLines, shown_progress
+from harness.run.progress import CAMERAS, PHOTOS, PhotoSteps
 
 
 class Clock:
@@ -99,3 +100,29 @@ def test_on_a_terminal_there_are_bars(capsys, monkeypatch):
     assert "2/2" in err
     assert "a remark" in err
     assert "so far" not in err
+
+
+def test_steps_towards_cameras_follow_those_of_photos(clock, stream):
+    """Photos that are there count at once, and what an estimate did not need is done at its end."""
+    with ProgressLines(stream, clock) as lines:
+        lines.expect(PHOTOS, 16)
+        lines.expect(CAMERAS, 10)
+        rendered, cached = PhotoSteps(lines, 8, 5), PhotoSteps(lines, 8, 5)
+        for view in range(8):
+            rendered(view + 1, 8)
+        for step in range(4):
+            clock.now += 5
+            rendered(8 + step + 1, 8 + 5)
+        rendered.end()
+        clock.now += 5
+        cached(8 + 1, 8 + 5)
+        cached.end()
+    counts = [line.split(",")[0] for line in stream.getvalue().splitlines()]
+    assert counts == [
+        "photos: 0 of 16",
+        "steps towards cameras: 0 of 10",
+        *(f"steps towards cameras: {done} of 10" for done in (1, 2, 3, 4)),
+        "photos: 16 of 16",
+        "steps towards cameras: 6 of 10",
+        "steps towards cameras: 10 of 10",
+    ]

@@ -12,8 +12,8 @@ from harness.core.rigs import RingRig
 from methods.body.photos.detection import Detections
 from methods.cameras import estimate, search
 from methods.cameras.adjustment import Rig, solved
-from methods.cameras.answer import check_matches, check_round, spreads, unmatched
-from methods.cameras.landmarks import LandmarkRows, first_rig, landmark_spans
+from methods.cameras.checks import check_matches, check_round, spreads, unmatched
+from methods.cameras.landmarks import by_landmarks
 from methods.cameras.matches import Matches, MatchRows
 from methods.cameras.values import Focal, PhotoView
 from tests.unit.methods.cameras.conftest import Taken, errors_deg, landmarks, turned
@@ -29,8 +29,7 @@ def given_focal(taken: Taken) -> Focal:
 
 
 def test_landmarks_alone_are_degrees_off(taken):
-    rig, told = first_rig(Rig.of(taken.cameras), taken.marks)
-    found = solved(rig, [LandmarkRows(told, landmark_spans(rig), 0.015)], 40).rig
+    found, _ = by_landmarks(Rig.of(taken.cameras), taken.marks)
     assert errors_deg(found.cameras(sizes(taken)), taken.cameras).max() < 8.0
 
 

@@ -58,12 +58,12 @@ class Estimator:
 
     def estimate(self, photos, *, focal, height_m, report):
         self.calls.append((focal, height_m))
-        report(1, 1)
+        report(9, 9)
         return self.answer(photos, self.native.cameras)
 
     def refine(self, photos, cameras, *, report):
         self.calls.append(cameras)
-        report(1, 1)
+        report(9, 9)
         return self.answer(photos, self.native.cameras)
 
 
@@ -83,14 +83,14 @@ def test_photos_alone_become_a_capture_that_says_so(native, photos, monkeypatch)
     assert "one for all photos" in made.notes[1]
     assert made.warnings == ("five photos are few",)
     ((focal, _),) = estimator.calls
-    assert not focal.is_given
+    assert focal.relative_sd > 0
     assert as_given(INFO, capture).privileges == ()
 
     again = import_photos(asked(photos), silent)
     assert again.notes == made.notes
     assert len(estimator.calls) == 1
     import_photos(asked(photos, field_deg=50.0), silent)
-    assert estimator.calls[1][0].is_given
+    assert estimator.calls[1][0].relative_sd == 0
     assert estimator.calls[1][0].px[0] == pytest.approx(80 / np.tan(np.radians(25)))
     given = as_given(INFO, Capture.load(made.path))
     assert given.privileges == (Privilege.FOCAL_LENGTH,)

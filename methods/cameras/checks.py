@@ -1,4 +1,4 @@
-"""What is left in cameras that were found, and when they are not to be trusted."""
+"""When cameras that were found are not to be trusted, and how sure they are."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats
 from harness.core.errors import MethodError
 from methods.cameras.adjustment import Rig, Solved
 from methods.cameras.landmarks import landmark_spans
 from methods.cameras.matches import LEAST_MATCHES, Matches, contradiction_m, met, photo_pairs
-from methods.cameras.search import Silhouettes, upright
-from methods.cameras.values import GAUGE, EstimatedCameras, PhotoReport, PhotoView, StageReport
+from methods.cameras.search import upright
 
 #: Views that leave more than this unseen cannot be trusted; photos further apart are not matched.
 _MOST_GAP_DEG, _MATCHED_DEG = 110.0, 65.0
@@ -116,48 +115,3 @@ def spreads(found: Solved) -> tuple[Floats, float]:
     whole = (vectors / np.maximum(values[kept], 1e-12)) @ vectors.T
     own = [whole[6 * v : 6 * v + 6, 6 * v : 6 * v + 6] for v in range(len(rig))]
     return np.stack(own), float(np.sqrt(whole[-1, -1])) if rig.factor_sd > 0 else 0.0
-
-
-def answer(
-    views: tuple[Sequence[PhotoView], Ints],
-    named: tuple[Sequence[str], dict[int, str]],
-    found: tuple[Solved, Silhouettes, Matches],
-    told: tuple[Sequence[StageReport], Sequence[str]],
-    gauge: str = GAUGE,
-) -> EstimatedCameras:
-    """The cameras in the order in which photos were given.
-
-    Args:
-        views: The photos of the rig, and their numbers among those given.
-        named: The names of all that were given, and why some were left out, by number.
-        found: The least cost, the outlines, and the matches.
-        told: Stages and warnings.
-        gauge: What was not observed.
-    """
-    (photos, numbers), (names, left_out), (best, given, matches) = views, named, found
-    rig = best.rig
-    own, factor_sd = spreads(best)
-    misses = given.misses_m(rig)[1] / landmark_spans(rig)
-    off = np.abs(met(rig, matches).off_px)
-    cameras = dict(zip(numbers, rig.cameras([photo.size for photo in photos]), strict=True))
-    place = {int(number): view for view, number in enumerate(numbers)}
-    reports: list[PhotoReport] = []
-    for number, name in enumerate(names):
-        if number not in place:
-            reports.append(PhotoReport(name, np.nan, 0, np.nan, left_out[number]))
-            continue
-        mine = off[(matches.views == place[number]).any(axis=1)]
-        match_px = float(np.median(mine)) if len(mine) else np.nan
-        reports.append(PhotoReport(name, float(misses[place[number]]), len(mine), match_px))
-    everyone = range(len(names))
-    return EstimatedCameras(
-        cameras=tuple(cameras.get(n) for n in everyone),
-        covariances=tuple(own[place[n]] if n in place else None for n in everyone),
-        focal_px=tuple(float(cameras[n].K[0, 0]) if n in place else np.nan for n in everyone),
-        focal_relative_sd=factor_sd,
-        stages=tuple(told[0]),
-        photos=tuple(reports),
-        contradiction_mm=1e3 * contradiction_m(rig, matches),
-        warnings=tuple(told[1]),
-        gauge=gauge,
-    )
