@@ -32,6 +32,13 @@ _FISHEYE = "OPENCV_FISHEYE"
 #: Other ways to tell cameras and poses that instant-ngp or nerfstudio read.
 _OTHER_KINDS = ("ftheta_p0", "latlong", "equirectangular", "orthographic", "from_mitsuba",
                 "distortion_params", "distortion", "rolling_shutter")  # fmt: skip
+#: Camera files of the field that nothing here reads, by their ends.
+_UNREAD = {
+    "annots.npy": "annots.npy is pickled objects, which are not read: put intri.yml and extri.yml "
+    "of the sequence there, and name the set: --cameras zju",
+    ".csd": "What stands in a scanner's .csd, as PuzzleIOI has it, is not known here: write its "
+    "cameras as nerfstudio's transforms.json",
+}
 #: What each lens has. The k4 of an ordinary lens is the fourth radial number in these files, which
 #: OpenCV's model has below the line; with k5, k6 and the like it is refused.
 _PARAMETER = re.compile(r"[kpsb]\d")
@@ -278,8 +285,15 @@ def read_cameras(path: str | Path, photos: Path | None = None) -> ForeignCameras
         raise DataError(f"no camera file at {path}")
     reader = _reader(path, photos)
     if reader is None:
-        raise DataError(f"{path} is no camera file that is known", expected=LAYOUTS)
+        hint = unread(path.name)
+        raise DataError(f"{path} is no camera file that is known", expected=LAYOUTS, hint=hint)
     return reader()
+
+
+def unread(*names: str) -> str:
+    """What to do in place of camera files of the field that are not read; nothing for others."""
+    found = [why for end, why in _UNREAD.items() if any(name.endswith(end) for name in names)]
+    return found[0] if found else ""
 
 
 def _reader(path: Path, photos: Path | None = None) -> Callable[[], ForeignCameras] | None:

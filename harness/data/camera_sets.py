@@ -25,9 +25,11 @@ from harness.core.camera import rigid_inverse
 from harness.core.camera_frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.errors import DataError, listed
 from harness.core.files.atomic import read_json, write_text
+from harness.core.files.npz import read_array_npz
 from harness.core.files.pickles import read_array_pickle
 from harness.core.files.reach import inside
 from harness.core.missing import not_installed
+from harness.data.camera_files import unread
 from harness.data.pictures import picture_facts
 from harness.data.subjects import rotation_of
 from harness.data.yaml_text import parse_yaml
@@ -101,6 +103,16 @@ def _mvhumannet(path: Path, _frame: int | None) -> dict[str, SetCamera]:
         )
         for name, each in read_json(path).items()
     }
+
+
+def _mvhumannet_plus(path: Path, _frame: int | None) -> dict[str, SetCamera]:
+    """World to camera, metres, a file for each camera; without a lens."""
+    found: dict[str, SetCamera] = {}
+    for each in sorted(path.parents[1].glob(f"*/{path.name}")):
+        arrays = read_array_npz(inside(path, each, path.parents[1]), ("intrinsic", "extrinsic"))
+        K, pose = (arrays[name].astype(np.float64) for name in ("intrinsic", "extrinsic"))
+        found[each.parent.name] = SetCamera(K.reshape(3, 3), _pose(pose[:3, :3], pose[:3, 3]))
+    return found
 
 
 def _actorshq(path: Path, _frame: int | None) -> dict[str, SetCamera]:
@@ -219,6 +231,10 @@ CAMERA_SETS: Mapping[str, CameraSet] = {
         ("images/{camera}/{frame}_img.jpg", "images_lr/{camera}/{frame}_img.jpg"),
         ("fmask/{camera}/{frame}_img_fmask.png", "fmask_lr/{camera}/{frame}_img_fmask.png"),
     ),
+    "mvhumannet++": CameraSet(
+        "cameras/*/camera.npz", _mvhumannet_plus, ("images/{camera}/{frame}.jpg",),
+        ("masks/{camera}/{frame}.png", "masks/{camera}/{frame}.jpg"),
+    ),
     "actorshq": CameraSet(
         "calibration.csv", _actorshq, ("rgbs/{camera}/{camera}_rgb{frame}.jpg",),
         ("masks/{camera}/{camera}_mask{frame}.png",), 0.5,
@@ -279,9 +295,12 @@ def unpacked_set(
     known = CAMERA_SETS[name]
     paths = sorted(folder.glob(known.file)) if folder.is_dir() else []
     if not paths:
+        names = sorted(each.name for each in folder.glob("*"))
+        alike = [each for each, other in CAMERA_SETS.items() if any(folder.glob(other.file))]
+        hint = f"It looks like {' or '.join(alike)}" if alike else unread(*names)
         raise DataError(f"{folder} is not laid out as {name}", expected=f"{known.file} in it",
-                        got=listed(sorted(each.name for each in folder.glob("*"))) or "nothing",
-                        hint="Name the folder of one outfit, sequence or take")  # fmt: skip
+                        got=listed(names) or "nothing",
+                        hint=hint or "Name the folder of one outfit, sequence or take")  # fmt: skip
     path = inside(folder, paths[0], folder)
     try:
         cameras = known.read(path, frame)

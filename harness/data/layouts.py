@@ -204,6 +204,8 @@ def _next_step(root: Path) -> str:
         return "Photos with cameras are imported by 'harness capture import'"
     if any((place / FITTED_BODY).is_file() for place in _folders_in(root)):
         return f"It holds fits: {FITTED_BODY} is the body of a fit. Name the folder of the scans"
+    if [*root.glob("*.abc"), *root.glob("*/*.abc")]:
+        return "Alembic (.abc) is not read: export one frame of it as OBJ or PLY, as Blender does"
     return "See 'Your own scans' in docs/data.md"
 
 

@@ -61,6 +61,15 @@ def mvhumannet(root: Path, views: Views) -> None:
     put_pickle(root / "camera_scale.pkl", scale)
 
 
+def mvhumannet_plus(root: Path, views: Views) -> None:
+    put_photos(root, "images/cam_0{n}/{f:04d}.jpg", "masks/cam_0{n}/{f:04d}.png", views)
+    for n, (camera, *_) in enumerate(views):
+        place = root / f"cameras/cam_0{n}"
+        place.mkdir(parents=True)
+        np.savez(place / "camera.npz", intrinsic=opencv(camera.K).astype(np.float32),
+                 extrinsic=camera.world_to_camera[:3])  # fmt: skip
+
+
 def actorshq(root: Path, views: Views) -> None:
     put_photos(root, "rgbs/Cam00{n}/Cam00{n}_rgb{f:06d}.jpg",
                "masks/Cam00{n}/Cam00{n}_mask{f:06d}.png", views)  # fmt: skip
@@ -154,6 +163,7 @@ def dress(root: Path, views: Views) -> None:
 #: By name; whether there is a lens.
 SETS: dict[str, tuple[Callable[[Path, Views], None], bool]] = {
     "mvhumannet": (mvhumannet, False),
+    "mvhumannet++": (mvhumannet_plus, False),
     "actorshq": (actorshq, False),
     "dna": (dna, True),
     "humman": (humman, False),

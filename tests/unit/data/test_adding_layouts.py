@@ -49,6 +49,7 @@ def test_each_layout_is_found(tmp_path, names, layout, subjects):
         (("1.jpg", "2.jpg"), "harness capture import"),
         (("0001/mesh_smplx.obj", "0001/smplx_param.pkl"), "holds fits"),
         (("a/b/c/d.obj",), "none of the layouts"),
+        (("a/meshes.abc",), "none of the layouts.*Alembic .* is not read: export one frame"),
     ],
 )
 def test_other_folders_are_refused_in_words(tmp_path, names, message):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -13,7 +14,7 @@ from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.rigs import RingRig
-from harness.data.camera_files import read_nerfstudio
+from harness.data.camera_files import read_cameras, read_nerfstudio
 from harness.data.camera_sets import CAMERA_SETS, unpacked_set
 from tests.stand_in.photo_sets import FRAME, LENS, SETS, dna
 
@@ -84,12 +85,28 @@ def test_damaged_sets_are_told(name, tmp_path):
             assert len(read_nerfstudio(found.cameras, found.folder).views) == 3
             assert "have no photo" in found.notes[1]
     other = "humman" if name != "humman" else "actorshq"
-    with pytest.raises(DataError, match=f"not laid out as {other}"), unpacked_set(other, root):
+    alike = f"not laid out as {other}.*It looks like .*{re.escape(name)}"
+    with pytest.raises(DataError, match=alike), unpacked_set(other, root):
         pass
     file = min(root.glob(CAMERA_SETS[name].file))
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 3])
     with pytest.raises(DataError), unpacked_set(name, root, FRAME):
         pass
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "said"),
+    [
+        ("zju", "annots.npy", "annots.npy is pickled objects.*put intri.yml and extri.yml"),
+        ("humman", "camera.csd", "a scanner's .csd, as PuzzleIOI has it, is not known here"),
+    ],
+)
+def test_files_that_are_not_read_are_named(name, file, said, tmp_path):
+    (tmp_path / file).write_bytes(b"of the set")
+    with pytest.raises(DataError, match=said), unpacked_set(name, tmp_path):
+        pass
+    with pytest.raises(DataError, match=said):
+        read_cameras(tmp_path / file)
 
 
 def test_files_reach_no_further_than_the_set(tmp_path):
