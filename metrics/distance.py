@@ -65,6 +65,15 @@ def nearest_samples(points: Floats, targets: Floats) -> tuple[Floats, Ints]:
     return NearestPoints(targets)(points)
 
 
+def near_samples(points: Floats, targets: Floats, within: float) -> Floats:
+    """(N,) as ``nearest_samples`` finds, but infinite beyond a distance, which is found sooner."""
+    from scipy.spatial import KDTree
+
+    tree = KDTree(targets, balanced_tree=False, compact_nodes=False)
+    # What is at the distance itself counts, however its square is rounded.
+    return tree.query(points, distance_upper_bound=within * (1 + _ROUNDED))[0]
+
+
 def mean_of_directions(there: MetricValue, back: MetricValue, *, together: bool) -> MetricValue:
     """Half of each direction, as in every Chamfer distance here; not their sum.
 
@@ -96,7 +105,7 @@ def harmonic_mean(there: MetricValue, back: MetricValue) -> MetricValue:
 
 Sampling = Literal["independent", "stratified", "even"]
 
-_MORTON_BITS = 21
+_MORTON_BITS, _ROUNDED = 21, 1e-9
 
 
 def sample_surface(
@@ -121,19 +130,20 @@ def sample_surface(
         drawn = sample_surface(surface, 3 * count, "independent", seed)
         chosen = _apart(drawn.points, surface.area / (3 * count), generator)[:count]
         return surface.at(drawn.faces[chosen], drawn.barycentric[chosen])
-    areas = surface.face_areas
+    order = None
     if sampling == "stratified":
         order = np.argsort(morton_codes(_centroids(surface)))
         shares = (np.arange(count) + generator.random(count)) / count
     else:
-        order = np.arange(len(areas))
         # In order, for neighbours are found faster one after the other; the set is the same.
         shares = np.sort(generator.random(count))
-    cumulative = np.cumsum(areas[order])
+    areas = surface.face_areas
+    cumulative = np.cumsum(areas if order is None else areas[order])
     picked = np.searchsorted(cumulative, shares * cumulative[-1], side="right")
     # Rounding may lift a share to the very end, where there is no face any more.
-    last = np.searchsorted(cumulative, cumulative[-1], side="left")
-    return surface.at(order[np.minimum(picked, last)], _uniform_barycentric(count, generator))
+    picked = np.minimum(picked, np.searchsorted(cumulative, cumulative[-1], side="left"))
+    faces = picked if order is None else order[picked]
+    return surface.at(faces, _uniform_barycentric(count, generator))
 
 
 def sample_mean(values: Floats, unit: str, sampling: Sampling) -> MetricValue:

@@ -62,7 +62,7 @@ class EdgeIndex:
 _LOOKED_AT = 5000
 
 
-def aligned(predicted: Mesh, truth: SurfaceIndex, how: Alignment) -> Aligned:
+def aligned(predicted: SurfaceIndex, truth: SurfaceIndex, how: Alignment) -> Aligned:
     """What an alignment does to a prediction; the identity where nothing is aligned.
 
     Args:
@@ -75,13 +75,14 @@ def aligned(predicted: Mesh, truth: SurfaceIndex, how: Alignment) -> Aligned:
     """
     if how.by == "none":
         return UNALIGNED
-    rounds, vertices = 0, predicted.vertices[predicted.faces[:, 0]]
+    mesh = predicted.mesh
+    rounds, vertices = 0, mesh.vertices[mesh.faces[:, 0]]
     if how.by == "icp":
-        vertices = readers_vertices(predicted)
-        matrix, rounds = icp(vertices, readers_vertices(truth.mesh), how)
+        vertices = readers_vertices(mesh, predicted.positions)
+        matrix, rounds = icp(vertices, readers_vertices(truth.mesh, truth.positions), how)
     else:
-        matrix = _box_onto_box(predicted.bounds, truth.mesh.bounds, heights=how.by == "height")
-    return _told(how.by, matrix, rounds, predicted, truth, vertices)
+        matrix = _box_onto_box(mesh.bounds, truth.mesh.bounds, heights=how.by == "height")
+    return _told(how.by, matrix, rounds, mesh, truth, vertices)
 
 
 def aligned_by_cameras(
@@ -99,7 +100,8 @@ def aligned_by_cameras(
         MethodError: cameras that do not stand as the true ones do, or are mirrored.
     """
     matrix = camera_similarity(found, known).similarity.matrix
-    return _told("sim3-cameras", matrix, 0, predicted, truth, readers_vertices(predicted))
+    vertices = readers_vertices(predicted, merged_positions(predicted.vertices))
+    return _told("sim3-cameras", matrix, 0, predicted, truth, vertices)
 
 
 def _told(
@@ -122,17 +124,21 @@ def _told(
     )
 
 
-def readers_vertices(mesh: Mesh) -> Floats:
+def readers_vertices(mesh: Mesh, positions: Ints) -> Floats:
     """(V, 3) vertices as trimesh reads them: used ones, one at each position.
 
     At a seam of the texture each side has its own, which therefore counts twice in an alignment.
+
+    Args:
+        mesh: Whose.
+        positions: (V,) a number for each position, as ``merged_positions`` gives it.
     """
     if mesh.uv is None or mesh.face_uv is None:
-        used = np.zeros(len(mesh.vertices), dtype=bool)
-        used[mesh.faces] = True
-        vertices = mesh.vertices[used]
-        return vertices[np.unique(merged_positions(vertices), return_index=True)[1]]
-    group = merged_positions(mesh.vertices)[mesh.faces].ravel().astype(np.int64)
+        one = np.full(int(positions.max()) + 1, -1)
+        used = mesh.faces.ravel()
+        one[positions[used]] = used
+        return mesh.vertices[one[one >= 0]]
+    group = positions[mesh.faces].ravel().astype(np.int64)
     coordinates = merged_positions(mesh.uv)[mesh.face_uv].ravel().astype(np.int64)
     pairs = group * (int(coordinates.max()) + 1) + coordinates
     corners = np.unique(pairs, return_index=True)[1]
@@ -354,10 +360,9 @@ class Pair(_Once):
         mine, true, low = self.mine, self.true, protocol.frame.cut_below_m
         if low is not None:
             true = Side(SurfaceIndex(cut_below(true.index.mesh, low)), true.role)
-        alignment = aligned(mine.index.mesh, true.index, protocol.alignment)
+        alignment = aligned(mine.index, true.index, protocol.alignment)
         if alignment.by != "none":
-            moved = mine.index.mesh.transformed(np.array(alignment.matrix))
-            mine = Side(SurfaceIndex(moved), mine.role)
+            mine = Side(mine.index.moved(np.array(alignment.matrix)), mine.role)
         return _Once(), mine, true, alignment
 
     def copied(self, protocol: MetricProtocol) -> Placed:

@@ -120,8 +120,7 @@ def winding_warnings(meshes: Mapping[str, MeshFacts], normal_errors_deg: Floats)
 _WITH_FLOOR = frozenset({"samples", "sample_cosine", "surface_cosine", "edges"})
 #: The protocol whose program measures hands and face apart.
 _WITH_PARTS = "xavatar"
-#: Where axes are looked at, with fewer points than the first, so many are drawn for that alone.
-_TELLING = 10_000
+#: Axes are looked at with these points, whatever the protocol's own.
 _TURN_SAMPLES: dict[str, Any] = {"samples": 30_000, "sampling": "independent"}
 #: What becomes of a prediction in another unit, place or frame: an error, or a warning.
 Misplaced = Literal["refuse", "tell"]
@@ -306,14 +305,12 @@ def _doubts(pair: Pair, protocol: MetricProtocol, misplaced: Misplaced) -> tuple
     """Warnings of another unit, place or frame, as far as these are not refused."""
     if protocol.alignment.by in ("boxes", "height"):
         return ()
-    # A few points would not tell a turn from their own scatter.
-    rule = protocol if protocol.samples >= _TELLING else replace(protocol, **_TURN_SAMPLES)
+    rule = replace(protocol, **_TURN_SAMPLES)
     mine, true, ratio = pair.mine, pair.true, protocol.minimum_scale_ratio
-    drawn = rule.samples, rule.sampling, rule.seed
     try:
         check_scale_and_place(mine.index, true.index, ratio)
         points = mine.samples(rule).points, true.samples(rule).points
-        turns = pair.once(("turn", *drawn), lambda: check_turn(*points, mine.index, true.index))
+        turns = pair.once(("turn", rule.seed), lambda: check_turn(*points, mine.index, true.index))
     except DataError as error:
         if misplaced == "refuse":
             raise

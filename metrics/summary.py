@@ -18,7 +18,12 @@ from harness.core.truth import FaceRegions
 from harness.core.units import Unit
 from harness.geometry.surface import SurfaceIndex
 from harness.geometry.topology import half_edges
-from metrics.distance import harmonic_mean, mean_of_directions, nearest_samples, sample_mean
+from metrics.distance import (
+    harmonic_mean,
+    mean_of_directions,
+    near_samples,
+    sample_mean,
+)
 from metrics.normals import angles_deg, compared, normals_at, weighted
 from metrics.pair import Placed
 from metrics.rendered_normals import Window, rendered_distance
@@ -57,16 +62,17 @@ def inside(surface: SurfaceIndex, points: Floats) -> Mask:
     It is the same all over a room of cells that no face touches: one ray tells. Only points in
     cells with faces need rays of their own.
     """
-    found = np.zeros(len(points), dtype=bool)
-    chosen = np.flatnonzero(
-        ((points >= surface.bounds[0]) & (points <= surface.bounds[1])).all(axis=1)
-    )
     room_of, first, cell_m = _rooms(surface)
-    cells = ((points[chosen] - surface.bounds[0]) / cell_m).astype(np.int64)
-    room = room_of[tuple(cells.T)]
+    within, cells = np.ones(len(points), dtype=bool), np.zeros(len(points), dtype=np.int64)
+    # By component: rows of three are slow to go through.
+    for along, low, high, count in zip(points.T, *surface.bounds, room_of.shape, strict=True):
+        along = np.ascontiguousarray(along)
+        within &= (along >= low) & (along <= high)
+        cells = cells * count + ((along - low) / cell_m).astype(np.int64)
+    room = room_of.ravel()[np.where(within, cells, 0)]
     middles = np.stack(np.unravel_index(first, room_of.shape), axis=1) + 0.5
-    found[chosen] = _wound(surface, surface.bounds[0] + middles * cell_m)[room]
-    near = chosen[room == 0]
+    found = _wound(surface, surface.bounds[0] + middles * cell_m)[room] & within
+    near = np.flatnonzero((room == 0) & within)
     found[near] = _wound(surface, points[near])
     return found
 
@@ -80,24 +86,34 @@ def _rooms(surface: SurfaceIndex) -> tuple[Ints, Ints, float]:
 
     extent = surface.extent
     cell_m = max(np.cbrt(extent.prod() / _CELLS), float(extent.max()) / _MOST_ALONG)
-    vertices = (surface.mesh.vertices - surface.bounds[0]) / cell_m
-    first, second, third = (vertices[corner] for corner in surface.mesh.faces.T)
-    # A little more than a face's box, for rays round.
-    low = np.minimum(np.minimum(first, second), third) - _ROUNDED
-    low = np.maximum(low, 0).astype(np.int64)
-    high = (np.maximum(np.maximum(first, second), third) + _ROUNDED).astype(np.int64)
     free = np.ones(tuple((extent / cell_m + _ROUNDED).astype(np.int64) + 1), dtype=bool)
-    wide = ((high - low) > 1).any(axis=1)
-    steps = np.array([free.shape[1] * free.shape[2], free.shape[2], 1])
-    cells, spans = (low @ steps)[~wide], ((high - low) * steps)[~wide].T
-    for chosen in np.ndindex(2, 2, 2):
-        free.ravel()[cells + sum(np.compress(chosen, spans, axis=0))] = False
-    for (x, y, z), (right, top, front) in zip(low[wide], high[wide], strict=True):
-        free[x : right + 1, y : top + 1, z : front + 1] = False
+    corners = np.ascontiguousarray(surface.mesh.faces.T)
+    cells, low, span = np.zeros(len(corners[0]), dtype=np.int64), [], []
+    for along, start, count in zip(
+        surface.mesh.vertices.T, surface.bounds[0], free.shape, strict=True
+    ):
+        along = (along - start) / cell_m
+        # A little more than a face's box, for rays round.
+        least = np.maximum(along - _ROUNDED, 0).astype(np.int32)
+        most = (along + _ROUNDED).astype(np.int32)
+        low.append(np.minimum.reduce([least[corner] for corner in corners]))
+        span.append(np.maximum.reduce([most[corner] for corner in corners]) - low[-1])
+        cells = cells * count + low[-1]
+    flat = free.ravel()
+    flat[cells] = False
+    # A face across a border between cells is in both; across two borders, in all four.
+    steps, over = (free.shape[1] * free.shape[2], free.shape[2], 1), [each == 1 for each in span]
+    for axes in ([0], [1], [2], [0, 1], [0, 2], [1, 2], [0, 1, 2]):
+        both = np.logical_and.reduce([over[axis] for axis in axes])
+        flat[cells[both] + sum(steps[axis] for axis in axes)] = False
+    wide = np.flatnonzero(np.maximum.reduce(span) > 1)
+    boxes = (np.stack(each, axis=1)[wide] for each in (low, span))
+    for (x, y, z), (right, up, ahead) in zip(*boxes, strict=True):
+        free[x : x + right + 1, y : y + up + 1, z : z + ahead + 1] = False
     labelled: Any = label(free)
-    flat: Ints = labelled[0].ravel()
+    rooms: Ints = labelled[0].ravel()
     first = np.zeros(labelled[1] + 1, dtype=np.int64)
-    first[flat[::-1]] = np.arange(len(flat))[::-1]
+    first[rooms[::-1]] = np.arange(len(rooms))[::-1]
     return labelled[0], first, cell_m
 
 
@@ -214,8 +230,11 @@ def _of_both(placed: Placed, protocol: MetricProtocol, column: Column) -> Metric
     if protocol.pictures is None:
         raise HarnessError(f"protocol {protocol.name} does not say how its pictures are made")
     window = Window(float(true.centre[1]), placed.per_metre)
-    portraits = placed.mine.portraits(window), placed.true.portraits(window)
-    value = rendered_distance(*portraits, protocol.pictures)
+    how, portraits = (
+        protocol.pictures,
+        (placed.mine.portraits(window), placed.true.portraits(window)),
+    )
+    value = placed.kept.once(("pictures", window, how), lambda: rendered_distance(*portraits, how))
     return MetricValue(value, column.unit, 4, 0.0)
 
 
@@ -257,7 +276,9 @@ def _values(placed: Placed, protocol: MetricProtocol, column: Column, *, back: b
     if column.of == "thinned":
         cell_m = column.threshold / placed.per_metre / 2
         points, targets = (side.thinned(protocol, cell_m) for side in placed.sides(back=back))
-        return nearest_samples(points, targets)[0]
+        is_share = column.take in ("below", "within")
+        within = column.threshold / placed.per_metre if is_share else np.inf
+        return near_samples(points, targets, within)
     if column.of == "angle":
         return compared(normal_angles(placed, protocol, back=back))
     return placed.cosines(protocol, back=back, of_samples=column.of == "sample_cosine")

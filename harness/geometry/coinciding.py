@@ -35,13 +35,14 @@ def merged_positions(vertices: Floats) -> Ints:
     return group
 
 
-def coinciding_positions(vertices: Floats, faces: AnyInts) -> Ints:
+def coinciding_positions(vertices: Floats, faces: AnyInts, merged: Ints | None = None) -> Ints:
     """(V,) as ``merged_positions``, but one number also for what is apart by rounding alone.
 
     That is, by less than a millionth of the mesh. Two vertices inside one piece of the surface stay
-    two, however near, as do the ends of an edge.
+    two, however near, as do the ends of an edge. ``merged`` is what ``merged_positions`` finds, if
+    that is known.
     """
-    group = merged_positions(vertices)
+    group = merged_positions(vertices) if merged is None else merged
     places = np.empty((int(group.max()) + 1, 3))
     places[group] = vertices
     used = np.unique(group[faces])

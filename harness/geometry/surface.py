@@ -104,6 +104,8 @@ class SurfaceIndex:
     def __init__(self, mesh: Mesh, *, split_seams: bool = False) -> None:
         self.mesh = mesh
         self._split_seams = split_seams
+        # The search over the surface elsewhere, about which centre, and the way there.
+        self._home: tuple[Any, Floats, Floats] | None = None
         self.face_vectors = mesh.face_normals()
         self.face_areas = _lengths(self.face_vectors) / 2
         self._searchable = np.flatnonzero(self.face_areas > 0)
@@ -141,9 +143,15 @@ class SurfaceIndex:
         return float(np.einsum("ij,ij->", arms, self.face_vectors)) / 6
 
     @cached_property
+    def positions(self) -> Ints:
+        """(V,) a number for each vertex, equal where, and only where, the positions are."""
+        return merged_positions(self.mesh.vertices)
+
+    @cached_property
     def corners(self) -> Ints:
         """(F, 3) a number for the place of each corner: corners at one place have the same."""
-        return coinciding_positions(self.mesh.vertices, self.mesh.faces)[self.mesh.faces]
+        mesh = self.mesh
+        return coinciding_positions(mesh.vertices, mesh.faces, self.positions)[mesh.faces]
 
     @cached_property
     def doubles(self) -> Doubles:
@@ -170,9 +178,12 @@ class SurfaceIndex:
         Raises:
             DataError: a query point is not finite, or absurdly far away.
         """
-        query = np.asarray(points, dtype=np.float64) - self.centre
+        query = np.asarray(points, dtype=np.float64)
+        scene, centre, back = self._home or (self._scene, self.centre, None)
+        if back is not None:
+            query = query @ back[:3, :3].T + back[:3, 3]
         what = f"a point to measure against {self.mesh.source}"
-        triangles, barycentric = search_nearest(self._scene, query, what)
+        triangles, barycentric = search_nearest(scene, query - centre, what)
         found = self.at(self._searchable[triangles], barycentric)
         return found, _lengths(found.points - points)
 
@@ -185,6 +196,13 @@ class SurfaceIndex:
         query = np.asarray(points, dtype=np.float64) - self.centre
         what = f"a point to measure against {self.mesh.source}"
         return self._scene.compute_distance(_tensor32(query, what)).numpy()
+
+    def moved(self, matrix: Floats) -> SurfaceIndex:
+        """The surface moved by a (4, 4) similarity; closest points are searched where it was."""
+        other = SurfaceIndex(self.mesh.transformed(matrix), split_seams=self._split_seams)
+        scene, centre, back = self._home or (self._scene, self.centre, np.eye(4))
+        other._home = scene, centre, back @ np.linalg.inv(matrix)
+        return other
 
     def smooth_at(self, *, seams: bool) -> SurfaceIndex:
         """The same surface with smooth normals that end at texture seams, or do not."""
@@ -213,6 +231,8 @@ class SurfaceIndex:
         """
         start = np.asarray(origins, dtype=np.float64) - self.centre
         rays = _tensor32(np.hstack([start, np.broadcast_to(direction, start.shape)]), "a ray")
+        # Without rays, Open3D's list of intersections crashes.
+        first = first or not len(start)
         answer = (self._scene.cast_rays if first else self._scene.list_intersections)(rays)
         distance = answer["t_hit"].numpy().astype(np.float64)
         met = np.flatnonzero(np.isfinite(distance))
@@ -223,13 +243,13 @@ class SurfaceIndex:
 
     def at(self, faces: Ints, barycentric: Floats) -> SurfacePoints:
         """The points with the given (N,) faces and (N, 3) barycentric weights."""
-        points = _blend(self.mesh.vertices, self.mesh.faces[faces], barycentric)
+        points = blend(self.mesh.vertices, self.mesh.faces[faces], barycentric)
         return SurfacePoints(points=points, faces=faces, barycentric=barycentric)
 
     def smooth_normals(self, where: SurfacePoints) -> Floats:
         """(N, 3) unit normals, interpolated from those of the corners; NaN where these cancel."""
         corner_normals, corners = self._smooth
-        blended = _blend(corner_normals, corners[where.faces], where.barycentric)
+        blended = blend(corner_normals, corners[where.faces], where.barycentric)
         lengths = _lengths(blended)
         return blended / np.where(lengths < _CANCELLED, np.nan, lengths)[:, None]
 
@@ -248,7 +268,7 @@ def _lengths(vectors: Floats) -> Floats:
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
-def _blend(values: Floats, corners: NDArray[np.integer[Any]], weights: Floats) -> Floats:
+def blend(values: Floats, corners: NDArray[np.integer[Any]], weights: Floats) -> Floats:
     """(N, 3) sums of the values at (N, 3) corners, weighted."""
     blended = values[corners[:, 0]] * weights[:, :1]
     for corner in (1, 2):

@@ -174,8 +174,8 @@ def test_a_million_exact_points_take_under_ten_seconds_and_two_gibibytes(benchma
     assert found["chamfer"]["standard_error"] < 0.002
 
 
-#: Processor time of the command; the aim is 2.5.
-MOST_TIMES = 2.75
+#: Processor time of the command.
+MOST_TIMES = 2.5
 
 
 def closed(mesh: Mesh, rings: int = 500) -> Mesh:
@@ -194,7 +194,11 @@ def closed(mesh: Mesh, rings: int = 500) -> Mesh:
 
 
 def test_all_protocols_take_a_few_times_as_long_as_exact(benchmark, tmp_path):
-    """As a command: 2.3 times, 18.7 s against 8.2 s on two cores that twenty jobs kept busy."""
+    """As a command, on two cores that ten jobs kept busy.
+
+    2.2 and 2.4 times: 18.3 s against 8.2 s, 18.6 s against 7.6 s. The open egg, which has no
+    volume: 2.4 and 2.1 times.
+    """
     paths = tmp_path / "predicted.obj", tmp_path / "truth.obj"
     for path, phase in zip(paths, (0.0, 1.0), strict=True):
         save_mesh(path, closed(bumpy_body(phase)))

@@ -335,7 +335,7 @@ def test_icp_with_scale_recovers_a_known_similarity(shapes):
     truth = capsule(42, 50)
     turn = shapes.rotation(1, 0.4)
     given = shapes.moved(truth, (0.002, -0.001, 0.001), 0.998 * turn)
-    found = aligned(given, SurfaceIndex(truth), SIMILAR)
+    found = aligned(SurfaceIndex(given), SurfaceIndex(truth), SIMILAR)
     moved = given.vertices @ np.array(found.matrix)[:3, :3].T + np.array(found.matrix)[:3, 3]
     assert np.abs(moved - truth.vertices).max() < 1e-4
     assert found.scale == pytest.approx(1 / 0.998, abs=1e-4)
