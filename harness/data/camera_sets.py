@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -36,8 +37,6 @@ from harness.data.yaml_text import parse_yaml
 
 _NAME = re.compile(r"[\w ().-]+")
 _LENS = ("k1", "k2", "p1", "p2", "k3")
-#: Photos that are stored at half the size of their cameras have centres nearer to that.
-_HALVES = (1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +70,7 @@ class CameraSet:
         photos: Where photos lie, templates of camera and frame.
         masks: Where masks lie.
         centre: Coordinate of the middle of the top-left pixel: OpenCV's is 0, ours is 0.5.
+        times: How many times the size of the stored photos that of their cameras may be.
     """
 
     file: str
@@ -78,6 +78,7 @@ class CameraSet:
     photos: tuple[str, ...] = ()
     masks: tuple[str, ...] = ()
     centre: float = 0.0
+    times: tuple[int, ...] = (1,)
 
 
 def _pose(rotation: Any, shift: Any) -> Floats:
@@ -230,6 +231,7 @@ CAMERA_SETS: Mapping[str, CameraSet] = {
         "camera_extrinsics.json", _mvhumannet,
         ("images/{camera}/{frame}_img.jpg", "images_lr/{camera}/{frame}_img.jpg"),
         ("fmask/{camera}/{frame}_img_fmask.png", "fmask_lr/{camera}/{frame}_img_fmask.png"),
+        times=(1, 2),
     ),
     "mvhumannet++": CameraSet(
         "cameras/*/camera.npz", _mvhumannet_plus, ("images/{camera}/{frame}.jpg",),
@@ -345,48 +347,36 @@ class _Unpacking:
         return UnpackedSet(self.place, file, (*notes, *([what] if self.missing else [])))
 
     def _first(self, cameras: Mapping[str, SetCamera]) -> int:
-        numbers = [
-            number
-            for camera in cameras
-            for template in self.known.photos
-            for _, number in self._files(template, camera)
-        ]
-        return min(numbers, default=0)
+        frames = (self._files(self.known.photos, camera) for camera in cameras)
+        return min(chain.from_iterable(frames), default=0)
 
-    def _files(self, template: str, camera: str) -> Iterator[tuple[Path, int]]:
-        """The files of a camera, with their frames."""
-        pattern = re.compile(re.escape(template.format(camera=camera, frame="\0")).replace(
-            re.escape("\0"), r"(\d+)"))  # fmt: skip
-        parent = self.folder / Path(template.format(camera=camera, frame="0")).parent
-        for path in sorted(parent.iterdir()) if parent.is_dir() else ():
-            if match := pattern.fullmatch(path.relative_to(self.folder).as_posix()):
-                yield inside(self.path, path, self.folder), int(match[1])
-
-    def _content(self, templates: tuple[str, ...], camera: str, frame: int) -> tuple[bytes, str]:
-        """A file of a camera and frame, and its extension; nothing where there is none."""
+    def _files(self, templates: tuple[str, ...], camera: str) -> dict[int, Path]:
+        """The files of a camera by frame; the first template counts most."""
+        found: dict[int, Path] = {}
         for template in templates:
-            for path, number in self._files(template, camera):
-                if number == frame:
-                    return path.read_bytes(), path.suffix
-        return b"", ""
+            named = re.escape(template.format(camera=camera, frame="\0"))
+            pattern = re.compile(named.replace(re.escape("\0"), r"(\d+)"))
+            parent = self.folder / Path(template.format(camera=camera, frame="0")).parent
+            for path in sorted(parent.iterdir()) if parent.is_dir() else ():
+                if match := pattern.fullmatch(path.relative_to(self.folder).as_posix()):
+                    found.setdefault(int(match[1]), inside(self.path, path, self.folder))
+        return found
 
     def _entry(self, name: str, camera: SetCamera, frame: int) -> dict[str, object] | None:
         """What ``transforms.json`` says of a camera whose photo and mask were written."""
-        photo, suffix = camera.photo, ".jpg"
-        mask, mask_suffix = camera.mask, ".png"
-        if self.known.photos:
-            photo, suffix = self._content(self.known.photos, name, frame)
-            mask, mask_suffix = self._content(self.known.masks, name, frame)
-        if not photo:
-            self.missing.append(name)
-            return None
-        stem = re.sub(r"\W+", "-", name)
-        image = self.place / f"images/{stem}{suffix}"
-        image.write_bytes(photo)
-        entry: dict[str, object] = {"file_path": f"images/{image.name}"}
-        if mask:
-            (self.place / f"masks/{stem}{mask_suffix}").write_bytes(mask)
-            entry["mask_path"] = f"masks/{stem}{mask_suffix}"
+        stem, entry = re.sub(r"\W+", "-", name), dict[str, object]()
+        for key, folder, templates, content, suffix in (
+            ("file_path", "images", self.known.photos, camera.photo, ".jpg"),
+            ("mask_path", "masks", self.known.masks, camera.mask, ".png"),
+        ):
+            path = self._files(templates, name).get(frame)
+            if path or content:
+                entry[key] = f"{folder}/{stem}{path.suffix if path else suffix}"
+                (self.place / str(entry[key])).write_bytes(path.read_bytes() if path else content)
+            elif key == "file_path":
+                self.missing.append(name)
+                return None
+        image = self.place / str(entry["file_path"])
         K, (width, height) = self._intrinsics(camera, image)
         bent = dict(zip(_LENS, camera.distortion, strict=False))
         pose: NDArray[Any] = rigid_inverse(camera.world_to_camera) @ OPENCV_TO_BLENDER_CAMERA
@@ -402,6 +392,6 @@ class _Unpacking:
         if camera.size is not None:
             return K, camera.size
         width, height = picture_facts(image).size
-        # Photos may be stored at half the size of their cameras, whose centre then lies elsewhere.
-        times = min(_HALVES, key=lambda each: abs(K[0, 2] - each * width / 2))
+        # The centre is nearer to the middle of the size that it is of.
+        times = min(self.known.times, key=lambda each: abs(K[0, 2] - each * width / 2))
         return K, (times * width, times * height)
