@@ -29,7 +29,7 @@ class ProtocolScore:
     metrics: Mapping[str, MetricValue] = field(default_factory=dict[str, MetricValue])
     """By key of the protocol's summary; empty where it cannot measure the mesh."""
     reason: str = ""
-    """Why not; empty if it can."""
+    """Why not, or why numbers that it asks for are lacking; empty if none is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ The files lie beside the scan. Datasets of real people have none of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,7 +24,8 @@ OFF_MODEL = "off_model_rms_m"
 BODY_REGIONS = frozenset({"head", "eyes", "hair", "skin", "torso", "arms", "hands", "legs", "feet"})
 
 _BODY_ARRAYS = ("vertices", "joints", "joint_names")
-_PARAMETER_ARRAYS = ("pose_parameters", "phenotype", "phenotype_names")
+_POSE = "pose_parameters"
+_PARAMETER_ARRAYS = (_POSE, "phenotype", "phenotype_names")
 _LABEL_ARRAYS = ("face_labels", "names")
 
 
@@ -41,6 +42,10 @@ class TrueBody:
     off_model_mm: float = 0.0
     """How far the vertices are (root mean square) from the surface that the body model gives for
     the subject's parameters; 0 where the body is one of the model's."""
+    pose: Floats | None = None
+    """(J, 4, 4) Anny's pose parameters, in its own axes; None where the file has none."""
+    turn: Floats = field(default_factory=lambda: np.eye(3))
+    """(3, 3) turns the frame in which the pose holds into the world."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +85,7 @@ def true_body(scan: Scan) -> TrueBody | None:
     if scan.body_path is None:
         return None
     try:
-        file = read_array_npz(scan.body_path, (*_BODY_ARRAYS, OFF_MODEL))
+        file = read_array_npz(scan.body_path, (*_BODY_ARRAYS, OFF_MODEL, _POSE))
         vertices, joints = file["vertices"], file["joints"]
         names = tuple(str(name) for name in file["joint_names"])
         off_m = float(file[OFF_MODEL]) if OFF_MODEL in file else 0.0
@@ -92,6 +97,8 @@ def true_body(scan: Scan) -> TrueBody | None:
         joints=joints @ turn.T + shift,
         joint_names=names,
         off_model_mm=off_m * MM_PER_METRE,
+        pose=file.get(_POSE),
+        turn=turn / np.cbrt(np.linalg.det(turn)),
     )
 
 
@@ -117,7 +124,7 @@ def true_parameters(scan: Scan) -> TrueParameters:
     names = [str(name) for name in file["phenotype_names"]]
     values = [float(value) for value in file["phenotype"]]
     off_m = float(file[OFF_MODEL]) if OFF_MODEL in file else 0.0
-    return TrueParameters(file["pose_parameters"], dict(zip(names, values, strict=True)), off_m)
+    return TrueParameters(file[_POSE], dict(zip(names, values, strict=True)), off_m)
 
 
 def face_regions(scan: Scan, truth: Mesh) -> FaceRegions | None:

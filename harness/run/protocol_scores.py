@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from harness.core.arrays import Floats
+from harness.core.artifacts import Scan
+from harness.core.camera_frames import ANNY_TO_WORLD
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import content_hash
 from harness.core.files.npz import read_array_npz
 from harness.core.protocol_scores import ProtocolScore, ProtocolScores
 from harness.core.protocols import MethodInfo, Privilege
-from harness.core.records import MetricValue, ProtocolStamp, Record
+from harness.core.records import ProtocolStamp, Record
 from harness.core.settings import MetricProtocol
-from harness.core.truth import TrueBody, face_regions, true_body
+from harness.core.truth import face_regions, true_body
 from harness.files.mesh_files import load_mesh
 from harness.run.progress import Progress
 from harness.run.publication import BODY_FILE, MESH_FILE
 from harness.run.sources import ScanSet
 from harness.run.store import RunStore
-from metrics.body import EMDB, BodyPose, body_numbers
+from metrics.body import BODY_PROTOCOLS, BodyPose, BodyProtocol, body_numbers
 from metrics.score import Score, score_all
 
 
@@ -88,8 +93,13 @@ def _scored(
             if protocol.name not in known
             or known[protocol.name].protocol.sha != stamps[protocol.name].sha
         ]
-        has_body = BODY_FILE in record.files
-        if missing or (has_body and EMDB.name not in known):
+        wanted = _BODY_STAMPS if BODY_FILE in record.files else {}
+        bodies = [
+            name
+            for name, stamp in wanted.items()
+            if name not in known or known[name].protocol.sha != stamp.sha
+        ]
+        if missing or bodies:
             mesh = load_mesh(folder.directory / MESH_FILE)
             scan, surface = truth.load(record.subject)
             regions = face_regions(scan, surface)
@@ -101,29 +111,77 @@ def _scored(
                     require_aligned(record.method, protocol)
                 except ProtocolMismatch as error:
                     known[protocol.name] = _filed(stamps[protocol.name], sha256, error)
-            if has_body and (truly := true_body(scan)) is not None:
-                numbers = _body_numbers(folder.directory / BODY_FILE, truly)
-                known[EMDB.name] = ProtocolScore(_EMDB_STAMP, sha256, metrics=numbers)
+            if scan.body_path is not None:
+                for name in bodies:
+                    made = folder.directory / BODY_FILE
+                    known[name] = body_score(made, scan, BODY_PROTOCOLS[name], sha256)
             ProtocolScores(tuple(known.values())).save(folder.directory)
-    return [known[name] for name in (*stamps, EMDB.name) if name in known]
+    return [known[name] for name in (*stamps, *wanted) if name in known]
 
 
-def _body_numbers(path: Path, truth: TrueBody) -> Mapping[str, MetricValue]:
-    """A fitted body against the true one; none where the two are of different models."""
-    body = read_array_npz(path, ("vertices", "joints", "parameter_joint_names"))
-    names = tuple(str(name) for name in body.get("parameter_joint_names", ()))
-    if names != truth.joint_names or not set(_JOINTS.values()) <= set(names):
-        return {}
-    mine, true = (
-        BodyPose({smpl: joints[names.index(anny)] for smpl, anny in _JOINTS.items()}, vertices)
-        for joints, vertices in (
-            (body["joints"], body["vertices"]),
-            (truth.joints, truth.vertices),
-        )
+def body_score(path: Path, scan: Scan, protocol: BodyProtocol, mesh_sha256: str) -> ProtocolScore:
+    """A fitted body against the true one under a protocol of bodies.
+
+    Both have to be Anny's. Where a file has no pose there are no angles, and the reason says so.
+
+    Args:
+        path: ``body.npz`` of a result.
+        scan: With a true body beside it.
+        protocol: Which joints and which root.
+        mesh_sha256: Of the result's mesh.
+
+    Raises:
+        DataError: a file that cannot be read.
+    """
+    stamp, truth = _BODY_STAMPS[protocol.name], true_body(scan)
+    body = read_array_npz(
+        path, ("vertices", "joints", "parameter_joint_names", f"parameter_{_POSE}")
     )
-    return body_numbers(mine, true, EMDB)
+    names = tuple(str(name) for name in body.get("parameter_joint_names", ()))
+    if truth is None or names != truth.joint_names or not set(_JOINTS.values()) <= set(names):
+        reason = f"{path.name} and the true body are not both Anny's: joints have other names"
+        return ProtocolScore(stamp, mesh_sha256, reason=reason)
+    poses = body.get(f"parameter_{_POSE}"), truth.pose
+    turns = np.eye(3), truth.turn
+    mine, true = (
+        BodyPose(
+            {smpl: joints[names.index(anny)] for smpl, anny in _JOINTS.items()},
+            vertices,
+            {} if pose is None else _rotations(pose, names, turn, protocol),
+        )
+        for joints, vertices, pose, turn in zip(
+            (body["joints"], truth.joints), (body["vertices"], truth.vertices), poses, turns,
+            strict=True,
+        )
+    )  # fmt: skip
+    lacking = [
+        file for file, pose in zip((path, scan.body_path), poses, strict=True) if pose is None
+    ]
+    reason = ""
+    if protocol.turned and lacking:
+        reason = f"no MPJAE: {' and '.join(map(str, lacking))} has no {_POSE}, so no rotations"
+    numbers = body_numbers(mine, true, protocol)
+    return ProtocolScore(stamp, mesh_sha256, metrics=numbers, reason=reason)
 
 
+def _rotations(
+    pose: Floats, names: Sequence[str], turn: Floats, protocol: BodyProtocol
+) -> dict[str, Floats]:
+    """(3, 3) by which each of a protocol's joints is turned from Anny's rest, in the world.
+
+    Along a chain of bones the turns of Anny's ``local-ref`` follow one another.
+    """
+    of_bone: dict[str, Floats] = {}
+    for chain in _CHAINS:
+        total = np.eye(3)
+        for bone in chain:
+            total = total @ pose[names.index(bone), :3, :3]
+            of_bone[bone] = total
+    to_world = turn @ ANNY_TO_WORLD
+    return {smpl: to_world @ of_bone[_JOINTS[smpl]] @ ANNY_TO_WORLD.T for smpl in protocol.turned}
+
+
+_POSE = "pose_parameters"
 #: Anny's joints in the places of SMPL's, by the name before the side.
 _MIDDLE = {
     "pelvis": "root", "spine1": "spine04", "spine2": "spine03", "spine3": "spine02",
@@ -139,14 +197,38 @@ _JOINTS = {
     **{f"left_{smpl}": f"{anny}.L" for smpl, anny in _SIDED.items()},
     **{f"right_{smpl}": f"{anny}.R" for smpl, anny in _SIDED.items()},
 }
-_SETTINGS: dict[str, object] = {
-    "summary": [
-        {"key": key, "unit": "mm", "higher": False} for key in ("mpjpe", "pa_mpjpe", "pve")
-    ],
-    "joints": _JOINTS,
-    "root": list(EMDB.root),
+_TRUNK = ("root", "spine05", "spine04", "spine03", "spine02", "spine01")
+_ARM = ("clavicle", "shoulder01", "upperarm01", "upperarm02", "lowerarm01")
+_LEG = ("pelvis", "upperleg01", "upperleg02", "lowerleg01")
+#: Anny's bones from the root to the elbows and the knees.
+_CHAINS = [
+    (*start, *(f"{bone}.{side}" for bone in limb))
+    for side in "LR"
+    for start, limb in ((_TRUNK, _ARM), (_TRUNK[:1], _LEG))
+]
+#: What is not as in the publication's program.
+_DIFFERS = {
+    "body-emdb": "Anny's joints in the places of SMPL's, and its vertices",
+    "body-3dpw14": "Anny's joints in the places of those regressed from SMPL's vertices as for "
+    "Human3.6M: its head is the base of the skull, not the crown; PVE is over Anny's vertices",
 }
-_EMDB_STAMP = ProtocolStamp(EMDB.name, EMDB.version, content_hash(_SETTINGS), _SETTINGS)
+
+
+def _stamp(protocol: BodyProtocol) -> ProtocolStamp:
+    units = {"mpjpe": "mm", "pa_mpjpe": "mm", "pve": "mm", "pa_pve": "mm"}
+    if protocol.turned:
+        units |= {"mpjae": "deg", "pa_mpjae": "deg"}
+    settings: dict[str, object] = {
+        "summary": [{"key": key, "unit": unit, "higher": False} for key, unit in units.items()],
+        "joints": {name: _JOINTS[name] for name in (*protocol.joints, *protocol.root)},
+        "root": list(protocol.root),
+        "turned": list(protocol.turned),
+        "differs": _DIFFERS[protocol.name],
+    }
+    return ProtocolStamp(protocol.name, protocol.version, content_hash(settings), settings)
+
+
+_BODY_STAMPS = {name: _stamp(protocol) for name, protocol in BODY_PROTOCOLS.items()}
 
 
 def _filed(stamp: ProtocolStamp, sha256: str, score: Score | HarnessError) -> ProtocolScore:

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from harness.core.artifacts import Body
 from harness.core.errors import HarnessError
@@ -14,7 +16,6 @@ from harness.core.files.npz import write_npz
 from harness.core.mesh import Mesh
 from harness.core.protocol_scores import RunScores
 from harness.core.settings import MetricProtocol
-from harness.core.truth import TrueBody
 from harness.data.manifest import Dataset
 from harness.files.mesh_files import save_mesh
 from harness.report.tables import (
@@ -27,9 +28,17 @@ from harness.report.tables import (
 from harness.run.external_meshes import FolderRequest, score_folder
 from harness.run.frames import read_record_file, write_record_file
 from harness.run.progress import Silent
-from harness.run.protocol_scores import _JOINTS, _body_numbers, score_protocols
+from harness.run.protocol_scores import (
+    _CHAINS,
+    _JOINTS,
+    _rotations,
+    body_score,
+    score_protocols,
+)
 from harness.run.sources import ScanSet
 from harness.run.store import RunStore
+from methods.body.models.anny_body import AnnyBody
+from metrics.body import BODY_PROTOCOLS
 from reports.figures.view_curves import rank_curves
 from reports.tables.geometry import geometry_table
 from tests.spheres import icosphere
@@ -113,24 +122,85 @@ def test_a_file_of_records_has_the_scores_beside_it(place, truth):
     assert found.rows == table_of_protocols(store, ReportRequest()).rows
 
 
-def test_a_body_is_measured_by_its_joints_in_the_places_of_smpls(tmp_path):
-    """Elbows and wrists 10 mm off, of 24 joints; in the middle between the hips nothing moves."""
-    names = tuple(dict.fromkeys(_JOINTS.values()))
-    random = np.random.default_rng(0)
-    joints, vertices = random.normal(size=(len(names), 3)), random.normal(size=(50, 3))
-    truth = TrueBody(vertices, joints, names)
-    moved = joints.copy()
-    moved[[names.index(f"{name}.{side}") for name in ("lowerarm01", "wrist") for side in "LR"]] += (
-        0, 0.01, 0,
-    )  # fmt: skip
-    body = Body("anny", vertices + np.array([0.003, 0, 0]), moved, np.zeros((0, 3), np.int32),
-                joint_names=names)  # fmt: skip
-    write_npz(tmp_path / "body.npz", body.to_arrays())
-    found = _body_numbers(tmp_path / "body.npz", truth)
-    assert found["mpjpe"].value == pytest.approx(10 * 4 / 24)
-    assert found["pve"].value == pytest.approx(3)
-    assert set(found) == {"mpjpe", "pa_mpjpe", "pve", "pa_pve"}
-    assert _body_numbers(tmp_path / "body.npz", replace(truth, joint_names=names[::-1])) == {}
+@pytest.fixture
+def bodies(tmp_path):
+    """What files a true and a fitted body, turned by 90 degrees about the vertical, by change."""
+
+    def filed(change=None, pose=None, names=NAMES):
+        random = np.random.default_rng(0)
+        joints, vertices = random.normal(size=(len(NAMES), 3)), random.normal(size=(50, 3))
+        rest = np.tile(np.eye(4), (len(NAMES), 1, 1))
+        truth = {"vertices": vertices, "joints": joints, "joint_names": np.array(NAMES),
+                 "pose_parameters": rest}  # fmt: skip
+        np.savez(tmp_path / "true.npz", **truth)
+        placed = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+        scan = SimpleNamespace(body_path=tmp_path / "true.npz", scan_to_world=placed)
+        turned, moved = (each @ placed[:3, :3].T for each in (joints, vertices))
+        if change is not None:
+            turned[[NAMES.index(name) for name in change]] += (0, 0.01, 0)
+        parameters = {} if pose is None else {"pose_parameters": pose(rest.copy())}
+        body = Body("anny", moved + np.array([0.003, 0, 0]), turned, np.zeros((0, 3), np.int32),
+                    parameters, joint_names=names)  # fmt: skip
+        write_npz(tmp_path / "body.npz", body.to_arrays())
+        return {
+            name: body_score(tmp_path / "body.npz", scan, protocol, "")
+            for name, protocol in BODY_PROTOCOLS.items()
+        }
+
+    return filed
+
+
+NAMES = tuple(dict.fromkeys([*_JOINTS.values(), *(bone for chain in _CHAINS for bone in chain)]))
+LENGTHS = {"mpjpe", "pa_mpjpe", "pve", "pa_pve"}
+
+
+def test_a_body_is_measured_by_its_joints_in_the_places_of_smpls(bodies):
+    """Elbows and wrists 10 mm off, of 24 joints or of LSP's 14; both roots stay where they are."""
+    arms = [f"{name}.{side}" for name in ("lowerarm01", "wrist") for side in "LR"]
+    found = bodies(arms)
+    for name, count in (("body-emdb", 24), ("body-3dpw14", 14)):
+        numbers = found[name].metrics
+        assert numbers["mpjpe"].value == pytest.approx(10 * 4 / count)
+        assert numbers["pve"].value == pytest.approx(3)
+        assert set(numbers) == LENGTHS
+    assert "body.npz has no pose_parameters" in found["body-emdb"].reason
+    assert found["body-3dpw14"].reason == ""
+    assert "not the crown" in found["body-3dpw14"].protocol.settings["differs"]
+    other = bodies(names=NAMES[::-1])["body-emdb"]
+    assert (other.metrics, "not both Anny's" in other.reason) == ({}, True)
+
+
+def test_angles_are_of_joints_with_all_that_their_bones_hang_on(bodies):
+    """The body stands as the scan does but for a trunk that leans by 20 degrees: shoulders and
+    elbows, four of nine joints, lean with it; a wrist is no joint of the protocol.
+    """
+
+    def leaning(pose):
+        placed = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+        pose[NAMES.index("root"), :3, :3] = placed
+        pose[NAMES.index("spine03"), :3, :3] = Rotation.from_rotvec([0.349066, 0, 0]).as_matrix()
+        pose[NAMES.index("wrist.L"), :3, :3] = placed
+        return pose
+
+    found = bodies(pose=leaning)["body-emdb"]
+    assert found.metrics["mpjae"].value == pytest.approx(20 * 4 / 9, abs=1e-3)
+    assert found.metrics["mpjae"].unit == "deg"
+    assert found.reason == ""
+    assert set(found.metrics) == LENGTHS | {"mpjae", "pa_mpjae"}
+
+
+def test_rotations_are_those_of_anny():
+    pytest.importorskip("anny")
+    body = AnnyBody()
+    pose = np.tile(np.eye(4), (len(body.joint_names), 1, 1))
+    pose[:, :3, :3] = Rotation.random(len(pose), random_state=0).as_matrix()
+    found = _rotations(pose, body.joint_names, np.eye(3), BODY_PROTOCOLS["body-emdb"])
+    turns = body.posed_as(pose, {}).turns[0].numpy()
+    assert len(found) == 9
+    for smpl, rotation in found.items():
+        np.testing.assert_allclose(
+            rotation, turns[body.joint_names.index(_JOINTS[smpl])], atol=1e-5
+        )
 
 
 def test_what_was_measured_stays_and_a_changed_protocol_is_refused(place, truth):
