@@ -84,6 +84,9 @@ class BodyFit:
             privileges=self._privileges(),
             parameters=parameters,
             deviations=self._published.deviations(parameters) if self._published else (),
+            trained_on=(
+                _normal_choice(self.settings).trained_on if self.settings.wants_network else ()
+            ),
         )
 
     def configured(self, parameters: Mapping[str, str]) -> BodyFit:

@@ -234,6 +234,7 @@ class ClothedMethod:
             privileges=tuple(dict.fromkeys((*fit.privileges, *choice.privileges))),
             parameters=parameters,
             deviations=self._published.deviations(parameters) if self._published else (),
+            trained_on=tuple(dict.fromkeys((*fit.trained_on, *choice.trained_on))),
         )
 
     def configured(self, parameters: Mapping[str, str]) -> ClothedMethod:

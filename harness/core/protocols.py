@@ -139,8 +139,9 @@ class MethodInfo:
         view_count: How many of all views it takes, as evenly apart as can be; None for those in
             ``views``.
         needs_perspective: Why it takes no orthographic photos, one sentence; empty if it does.
-        trained_on: Datasets, subjects (``dataset/subject``) and people (as the manifest's
-            ``identity`` names them) that its networks have seen.
+        trained_on: Datasets, subjects (``dataset/subject``, or a range of them as
+            ``dataset/first..last``) and people (as the manifest's ``identity`` names them) that its
+            networks have seen.
 
     Raises:
         MethodError: parameters that are not grouped by room.

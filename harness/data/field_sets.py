@@ -86,6 +86,9 @@ class FieldSet(_Strict):
         companions: ``body`` becomes the true body, ``labels`` the regions, ``orientation`` tells
             the front, others are only looked for.
         regions: Names of the labels' numbers.
+        person: The part of an id, a group of this regular expression of all of it, that is equal
+            for one person; where it does not match, nothing is known.
+        people: What stands before it; of a data set with people of another one, that one's name.
         protocol: The metric protocol that belongs to it.
         splits: By name.
     """
@@ -105,8 +108,15 @@ class FieldSet(_Strict):
     floor: float | None = None
     companions: dict[str, Companion] = Field(default_factory=dict)
     regions: tuple[str, ...] = ()
+    person: str = ""
+    people: str = ""
     protocol: str
     splits: dict[str, PublishedSplit] = Field(default_factory=dict)
+
+    def person_of(self, subject: str) -> str:
+        """Which person a subject is, such as ``4d-dress/00122``; empty where that is not known."""
+        found = re.fullmatch(self.person, subject) if self.person else None
+        return f"{self.people}/{found[1]}" if found else ""
 
     def subjects_of(
         self, name: str, dataset: str, known: Sequence[str], stored: Sequence[str] = ()

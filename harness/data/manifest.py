@@ -75,7 +75,8 @@ class Dataset(_Strict):
             a range such as ``t00001..t01000``.
         classes: What kind of subject each is, where the file says so.
         identity: Which person each subject is, where several are of one or a method may have been
-            trained on others of them.
+            trained on others of them; in the file also the dataset whose subjects of the same
+            ids they are.
         generator: For generated subjects: who makes them, an entry point of ``harness.datasets``.
         scan_noise_mm: For generated subjects: standard deviation of bumps such as a scanner leaves.
         sealed: Kept for the last test: looking at it needs a reason and is logged.
@@ -108,14 +109,21 @@ class Dataset(_Strict):
         """Whether everybody may pass scans and photos on: ``licence`` is in ``SHAREABLE``."""
         return self.licence in SHAREABLE
 
+    def person_of(self, subject: str) -> str:
+        """Which person a subject is; empty where neither this nor the field's description says."""
+        described = field_set(self.field) if self.field else None
+        return self.identity.get(subject) or (described.person_of(subject) if described else "")
+
     @model_validator(mode="before")
     @classmethod
     def _listed(cls, raw: Any) -> Any:
         subjects = raw.get("subjects") if isinstance(raw, dict) else None
         if isinstance(subjects, dict):
-            return {**raw, "subjects": tuple(subjects), "classes": subjects}
+            raw = {**raw, "subjects": tuple(subjects), "classes": subjects}
         if isinstance(subjects, str):
-            return {**raw, "subjects": subject_range(subjects) or (subjects,)}
+            raw = {**raw, "subjects": subject_range(subjects) or (subjects,)}
+        if isinstance(raw, dict) and isinstance(home := raw.get("identity"), str):
+            raw = {**raw, "identity": {each: f"{home}/{each}" for each in raw.get("subjects", ())}}
         return raw
 
     @model_validator(mode="after")

@@ -149,7 +149,7 @@ def _score_subject(
         environment=environment(),
         created_utc=utc_now(),
         scale_rule=request.truth.dataset.scale,
-        identity=request.truth.dataset.identity.get(subject, ""),
+        identity=request.truth.dataset.person_of(subject),
         inputs=found.inputs.to_dict() if found.inputs else {},
         files=found.files,
         details=found.details,

@@ -198,7 +198,7 @@ class Source:
 
     def identity_of(self, subject: str) -> str:
         """Which person a subject is; empty where the manifest does not say."""
-        return self.manifest.datasets[self.name].identity.get(subject, "")
+        return self.manifest.datasets[self.name].person_of(subject)
 
     @property
     def _scan_noise_mm(self) -> float:

@@ -127,6 +127,12 @@ class NormalChoice:
         return (Privilege.GENERATOR_PRIOR,) if learned or self.kind == "open" else ()
 
     @property
+    def trained_on(self) -> tuple[str, ...]:
+        """Whom its network has seen, as far as its index says; errors as ``part``."""
+        network = self._installed() if self.kind in ("open", "onnx") else None
+        return network.trained_on if network else ()
+
+    @property
     def part(self) -> Part:
         """As records name it.
 

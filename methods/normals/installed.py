@@ -9,6 +9,7 @@ before it is used, so that a record's hash is that of what ran.
 from __future__ import annotations
 
 import functools
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -33,6 +34,9 @@ OPEN_NETWORK, _OPEN_PACKAGE = "open-normals7", "open_normals"
 _WEIGHTS = Registry("network", {}, group="harness.weights")
 
 _INDEX = "weights.json"
+#: As ``harness train`` writes a training set: ``avatars-train t00001, t00004..t00009; ...``.
+_SUBJECTS = re.compile(r"(?P<name>\S+) (?P<ids>[^\s,]+(, [^\s,]+)*)")
+_VERSION = re.compile(r", version \S+$")
 _SHIPPED_HINT = (
     f"Run: {how_to_install(_OPEN_PACKAGE)}; or train one with 'harness train normals', run "
     "'harness parts import normals-onnx FILE.onnx --name mine', and set normals=onnx and "
@@ -84,6 +88,16 @@ class Network:
     def part(self) -> Part:
         """As records name it."""
         return Part("normal estimator", self.name, self.licence, self.sha256)
+
+    @property
+    def trained_on(self) -> tuple[str, ...]:
+        """Its training set as ``MethodInfo.trained_on`` names it; one of another form as it is."""
+        found: list[str] = []
+        for dataset in _VERSION.sub("", self.training_set).split("; "):
+            written = _SUBJECTS.fullmatch(dataset)
+            ids = written["ids"].split(", ") if written else ()
+            found += [f"{written['name']}/{each}" for each in ids] if written else [dataset]
+        return tuple(filter(None, found))
 
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values."""

@@ -167,6 +167,14 @@ class FusedMethod:
                 "nview": own,
                 **(stereo_parameters(self._rooms.stereo) if self.settings.photos == "on" else {}),
             },
+            trained_on=tuple(
+                dict.fromkeys(
+                    [
+                        *(self._fit.info.trained_on if fits else ()),
+                        *(choice.trained_on if choice else ()),
+                    ]
+                )
+            ),
         )
 
     def configured(self, parameters: Mapping[str, str]) -> FusedMethod:

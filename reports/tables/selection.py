@@ -275,16 +275,37 @@ def _seen_note(method: MethodInfo, ok: Sequence[Record]) -> str:
     seen = [
         record.subject
         for record in ok
-        if not {
-            record.dataset,
-            f"{record.dataset}/{record.subject}",
-            record.identity or None,
-        }.isdisjoint(method.trained_on)
+        if any(
+            _names(entry, person)
+            for entry in method.trained_on
+            for person in (f"{record.dataset}/{record.subject}", record.identity)
+        )
     ]
     who = f" ({_subjects_text(seen)})" if seen else ""
     return (
-        f"Trained on {', '.join(method.trained_on)}: {len(seen)} of {len(ok)} subjects were seen "
+        f"Trained on {_in_short(method.trained_on)}: {len(seen)} of {len(ok)} subjects were seen "
         f"in training{who}"
+    )
+
+
+def _names(entry: str, person: str) -> bool:
+    """Whether an entry of what was trained on is a person, a dataset or a range with it."""
+    home, _, name = person.rpartition("/")
+    if entry in (person, home):
+        return bool(entry)
+    of, _, ends = entry.rpartition("/")
+    first, is_range, last = ends.partition("..")
+    return bool(is_range) and of == home and len(name) == len(first) and first <= name <= last
+
+
+def _in_short(trained_on: Sequence[str]) -> str:
+    """Each entry that is alone in its dataset, and one name for the others."""
+    of_home: dict[str, list[str]] = {}
+    for entry in trained_on:
+        of_home.setdefault(entry.rpartition("/")[0] or entry, []).append(entry)
+    return ", ".join(
+        entries[0] if len(entries) == 1 else f"subjects of {home}"
+        for home, entries in of_home.items()
     )
 
 

@@ -10,6 +10,7 @@ import yaml
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.names import subject_range
+from harness.data.field_sets import field_set
 from harness.data.manifest import load_manifest
 
 SHIPPED = Path(__file__).resolve().parents[3] / "data_manifest.yaml"
@@ -185,6 +186,25 @@ def test_training_subjects_are_a_range_apart_from_the_test_subjects():
 @pytest.mark.parametrize("text", ["a01", "a1..b2", "a01..a2", "..", "a03..a01", "a00001..a99999"])
 def test_what_is_no_range_gives_no_subjects(text):
     assert subject_range(text) == ()
+
+
+def test_people_are_told_apart_from_subjects():
+    """The twenty of THuman 2.1 were in 2.0, and scanner's bumps make no other person."""
+    manifest = load_manifest(SHIPPED)
+    assert manifest.datasets["avatars-scanned"].person_of("a03") == "avatars/a03"
+    assert manifest.datasets["avatars"].person_of("a03") == ""
+    assert manifest.datasets["thuman21"].person_of("0445") == "thuman20/0445"
+    people = {
+        "4d-dress": ("00122-Inner-Take2", "4d-dress/00122"),
+        "x-humans": ("00016-test-Take12", "x-humans/00016"),
+        "puzzleioi": ("alice-outfit9", "puzzleioi/alice"),
+        "cape": ("00032-shortlong-hips-000090", "cape/00032"),
+        "thuman20": ("0525", "thuman20/0525"),
+        "thuman21": ("0526", ""),
+        "2k2k": ("00003", ""),
+    }
+    for name, (subject, person) in people.items():
+        assert field_set(name).person_of(subject) == person
 
 
 def test_noise_is_not_added_to_other_peoples_scans(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.core.files.hashing import file_sha256
 from methods.normals import installed
+from methods.normals.estimators import NormalChoice
 from methods.normals.onnx_estimator import OnnxNormals
 from methods.parts.onnx_files import read_network
 
@@ -40,6 +41,27 @@ def test_an_imported_network_is_found_with_what_it_says(own, file):
         }
     }
     assert (imported.part.name, imported.part.sha256) == ("mine", file_sha256(file))
+
+
+def test_a_training_set_tells_whom_a_network_has_seen():
+    """As it is written by ``harness train``, and as others write it."""
+
+    def seen(text):
+        place = installed.Place("imported", Path())
+        return installed.Network("mine", Path(), "", "", text, 1, place).trained_on
+
+    written = "avatars-train3 v00001, v00004..v00192; thuman21 0001, version 9"
+    assert seen(written) == (
+        "avatars-train3/v00001", "avatars-train3/v00004..v00192", "thuman21/0001",
+    )  # fmt: skip
+    assert seen("THuman2.0") == ("THuman2.0",)
+    assert seen("") == ()
+    shipped = installed.shipped().trained_on
+    assert {each.partition("/")[0] for each in shipped} == {
+        f"avatars-train{number}" for number in ("", 2, 3)
+    }
+    assert NormalChoice("open").trained_on == shipped
+    assert NormalChoice("body").trained_on == ()
 
 
 def test_other_content_needs_another_name_or_permission(own, file, tmp_path, save_network):

@@ -36,6 +36,22 @@ def test_a_table_says_which_subjects_a_method_was_trained_on(tmp_path):
     assert f"0 of {count} subjects" in seen(records(("person 4",), "person 3"))[0]
 
 
+def test_ranges_and_people_of_other_datasets_count(tmp_path):
+    """Of a range, those in it; of people who are in another dataset, those who were seen there."""
+    first, *_ = known = records(())
+    count, home = sum(each.status == "ok" for each in known), first.dataset
+    one = (f"{home}/{first.subject}..{first.subject}", f"{home}/z00001..z00009")
+    assert seen(records(one)) == [
+        f"Trained on subjects of {home}: 1 of {count} subjects were seen in training "
+        f"({first.subject})"
+    ]
+    assert f"{count} of {count} subjects" in seen(records(("thuman20",), "thuman20/0004"))[0]
+    span = ("thuman20/0000..0005",)
+    assert f"{count} of {count} subjects" in seen(records(span, "thuman20/0004"))[0]
+    for other in ("thuman20/0006", "thuman20/00004", "thuman21/0004", "0004"):
+        assert f"0 of {count} subjects" in seen(records(span, other))[0]
+
+
 def test_a_record_holds_both_and_one_without_them_stays_as_it_was(tmp_path):
     said, plain = records(("thuman21",), "person 3")[0], records(())[0]
     for record in (said, plain):
