@@ -38,10 +38,10 @@ from harness.files.mesh_files import load_mesh as load_mesh
 from harness.files.mesh_files import save_mesh as save_mesh
 from harness.geometry.images import load_mask as load_mask
 from harness.geometry.images import load_rgba as load_rgba
+from harness.run.external_meshes import PairScores as PairScores
+from harness.run.external_meshes import score as score
 from harness.run.frames import evaluate as evaluate
 from harness.run.frames import read_run as read_run
-from harness.run.pair import PairScores as PairScores
-from harness.run.pair import score as score
 from metrics.score import Score as Score
 
 __version__: str

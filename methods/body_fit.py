@@ -20,7 +20,7 @@ from harness.core.settings import configured
 from harness.core.typed_json import to_json
 from harness.geometry.place import no_depth_is_told
 from methods.body.fit.jmbo import NormalsOf
-from methods.body.fitting import fit_body
+from methods.body.fitting import fit_body, packed, unpacked
 from methods.body.models.choice import body_model
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.models.smplx_file import require_model
@@ -28,11 +28,9 @@ from methods.body.models.smplx_part import body_part, model_path, named_model
 from methods.body.photos import detection
 from methods.body.photos.views import Given, Views, load_views
 from methods.body.pixie.start import PixieView, held_values, pixie_each_view, pixie_part, pixie_sees
-from methods.body.settings import BodyFitResult, FitSettings
+from methods.body.settings import JMBO, JMBO_PLUS, BodyFitResult, FitSettings
 from methods.body.smplx_offsets import offsets_part
-from methods.body.stored_fit import packed, unpacked
 from methods.estimated_normals import EstimatedNormals
-from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import NormalChoice
 from methods.publications.deviations import (
     BODY_AVERAGE,

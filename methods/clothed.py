@@ -22,15 +22,15 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Part
 from harness.core.settings import check_choice, configured
 from harness.files.mesh_files import save_mesh
+from harness.geometry.coinciding import concatenated
 from harness.geometry.images import save_png
 from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.geometry.topology import concatenated
 from methods.body.settings import BodyFitResult
 from methods.body_fit import BodyFit
 from methods.closed.lattices import cut_to_outlines
-from methods.closed.outlines import signed_outline
+from methods.closed.surfaces import signed_outline
 from methods.ifnet.completion import completed_by_network, ifnet_part
 from methods.normals import NormalChoice, ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps

@@ -22,11 +22,10 @@ from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.settings import check_range, configured
-from harness.geometry.hull import hull_distance, isosurface
-from harness.geometry.outline import Outline
+from harness.geometry.coinciding import pieces_of
+from harness.geometry.outline import Outline, hull_distance, isosurface
 from harness.geometry.photo import open_photo
 from harness.geometry.place import Place, place_of
-from harness.geometry.topology import pieces_of
 
 #: What the settings are filed under, as in ``--set hull.voxel_m=0.002``.
 _ROOM = "hull"

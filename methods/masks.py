@@ -15,8 +15,7 @@ from harness.core.arrays import Bytes, Floats
 from harness.core.errors import DataError, HarnessError, MethodError, did_you_mean
 from harness.geometry.images import resampled
 from methods.parts.kind import About, ImportOptions
-from methods.parts.onnx_files import network_sha256
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, network_sha256, open_session
 from methods.parts.store import ConvertedKind, Examined
 
 

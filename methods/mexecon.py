@@ -22,9 +22,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.core.mesh import Mesh
+from methods.body.settings import ECON_FIT, JMBO, JMBO_PLUS
 from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod, ClothedSettings, SheetPlan
-from methods.fit_settings import ECON_FIT, JMBO, JMBO_PLUS
 from methods.normals import ViewMaps
 from methods.publications.completion import ECON, MEXECON, MEXECON_CEILING
 from methods.surface import FrontBackDepth, SheetParameters, front_back_sheets

@@ -19,9 +19,8 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo
 from harness.core.settings import check_choice, configured, rooms_of
 from harness.files.mesh_files import save_mesh
-from methods.body.settings import BodyFitResult
+from methods.body.settings import JMBO_PLUS, BodyFitResult, FitSettings
 from methods.body_fit import BodyFit
-from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.nview.start import clothed, start_surface
 from methods.nview.views import checked_views, outline_views
 from methods.photo_pull.pulled import StereoTask, hands_of, pulled_to_photos, stereo_parameters

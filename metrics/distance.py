@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Ints
+from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.records import MetricValue
-from harness.core.units import MM_PER_METRE
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 
 

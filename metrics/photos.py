@@ -14,12 +14,11 @@ from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.photo_scores import Likeness, MapAgreement, PhotoScores, Soundness, ViewScore
 from harness.files.coloured_mesh import ColouredMesh
-from harness.geometry.coinciding import merged_positions
+from harness.geometry.coinciding import Edges, edges_of, half_edges, merged_positions
 from harness.geometry.colouring import Colouring, finer
 from harness.geometry.images import linear_from_srgb, srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import Edges, edges_of, half_edges
 from harness.geometry.window import Window
 from metrics.body import silhouette_iou
 from metrics.normals import angular_error_map, angular_errors

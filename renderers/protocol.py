@@ -78,7 +78,7 @@ RENDERERS = Registry(
     "renderer",
     {
         # Path-traced photographs, in Blender's own process.
-        "blender": "renderers.blender.job:BlenderRenderer",
+        "blender": "renderers.blender.scene:BlenderRenderer",
         # First hits with plain shading: fast, needs no Blender.
         "raycast": "renderers.raycast:RaycastRenderer",
     },

@@ -25,8 +25,7 @@ from harness.core.protocols import Context
 from harness.core.records import Environment
 from harness.core.typed_json import to_json
 from harness.files.mesh_files import save_mesh
-from harness.geometry.coinciding import merged_positions
-from harness.geometry.topology import open_edges
+from harness.geometry.coinciding import merged_positions, open_edges
 from harness.run.cell import lent_to
 from harness.run.cost import StageMeter
 from harness.run.method_choice import MethodRef

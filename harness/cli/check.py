@@ -18,8 +18,7 @@ from harness.run.store import RunStore
 from harness.run.workspace import Workspace
 from reports.regression.baseline import Baseline
 from reports.regression.baseline import update as new_baseline
-from reports.regression.compare import Comparison, compare, to_markdown, to_text
-from reports.regression.spread import with_spread
+from reports.regression.compare import Comparison, compare, to_markdown, to_text, with_spread
 
 app = verb_group("check")
 

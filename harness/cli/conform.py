@@ -9,20 +9,9 @@ import typer
 
 from harness.board.conform import ConformRequest, conform
 from harness.board.conform_trial import Certificate
+from harness.cli import options as opt
 from harness.cli.display import print_json, shown_progress
-from harness.cli.options import (
-    Dataset,
-    Json,
-    ManifestPath,
-    Recipe,
-    Seed,
-    Set,
-    Timeout,
-    WorkspacePath,
-    limit_s,
-    parsed_settings,
-    split_names,
-)  # fmt: skip
+from harness.cli.options import limit_s, parsed_settings, split_names
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError
 from harness.data.manifest import load_manifest
@@ -39,15 +28,15 @@ def conform_method(
     method: Annotated[
         str, typer.Argument(metavar="METHOD", help="The method; 'harness methods list' names them.")
     ],
-    dataset: Dataset = "avatars",
+    dataset: opt.Dataset = "avatars",
     subject: Annotated[
         str,
         typer.Option("--subject", metavar="ID", help="Subject to try it on. Default: the first."),
     ] = "",
-    recipe: Recipe = "quick8",
-    settings: Set = None,
-    seed: Seed = 0,
-    timeout: Timeout = 3600.0,
+    recipe: opt.Recipe = "quick8",
+    settings: opt.Set = None,
+    seed: opt.Seed = 0,
+    timeout: opt.Timeout = 3600.0,
     memory_mib: Annotated[
         float | None,
         typer.Option("--memory", min=1.0, metavar="MIB", help="Most memory that a trial may use."),
@@ -61,9 +50,9 @@ def conform_method(
             help="Where the certificate goes. Default: certificates/METHOD.json in the workspace.",
         ),
     ] = None,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Try a method, and certify that it keeps the contract.
 

@@ -7,17 +7,9 @@ from typing import Annotated
 
 import typer
 
+from harness.cli import options as opt
 from harness.cli.display import print_json, print_outcomes, shown_progress
-from harness.cli.options import (
-    Dataset,
-    Jobs,
-    Json,
-    ManifestPath,
-    Reason,
-    Subjects,
-    WorkspacePath,
-    split_names,
-)  # fmt: skip
+from harness.cli.options import split_names
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
 from harness.run.add_dataset import add_dataset
@@ -97,7 +89,9 @@ DatasetName = Annotated[
 
 @app.command("list")
 def list_datasets(
-    workspace: WorkspacePath = None, manifest: ManifestPath = None, as_json: Json = False
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """List the datasets, splits, recipes and protocols of the manifest."""
     listing = overview(load_manifest(manifest), Workspace.default(workspace))
@@ -114,10 +108,10 @@ def list_datasets(
 @app.command("check")
 def check_dataset(
     dataset: DatasetName,
-    subjects: Subjects = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    subjects: opt.Subjects = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """List the files that a dataset needs, and which of them are present, missing or corrupt.
 
@@ -152,7 +146,7 @@ def add(
         str, typer.Option("--title", metavar="TEXT", help="Title in tables. Default: NAME.")
     ] = "",
     licence: Licence = "",
-    subjects: Subjects = "",
+    subjects: opt.Subjects = "",
     grey: Annotated[
         bool, typer.Option("--grey", help="Make scans grey that have no colours.")
     ] = False,
@@ -163,9 +157,9 @@ def add(
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace an entry that this command wrote.")
     ] = False,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Add a folder of scans or captures to the manifest, after a check of every subject.
 
@@ -229,16 +223,16 @@ def show(
     subject: Annotated[
         str, typer.Argument(metavar="SUBJECT", help="Id of a generated subject, such as a01.")
     ],
-    dataset: Dataset = "avatars",
+    dataset: opt.Dataset = "avatars",
     output: Annotated[
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE", help="PNG file to write. Default: SUBJECT.png."
         ),
     ] = None,
-    reason: Reason = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
+    reason: opt.Reason = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
 ) -> None:
     """Draw a generated subject: eight views, its bare geometry, and the body under the clothes."""
     checked = load_manifest(manifest)
@@ -250,11 +244,11 @@ def show(
 @app.command("make")
 def make(
     dataset: DatasetName,
-    subjects: Subjects = "",
-    jobs: Jobs = 1,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    subjects: opt.Subjects = "",
+    jobs: opt.Jobs = 1,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Make the subjects of a generated dataset; those that are there and current are kept."""
     checked = load_manifest(manifest)

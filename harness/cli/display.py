@@ -24,8 +24,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from harness.core.errors import plain_text
 from harness.core.files.atomic import write_text
-from harness.core.plain_text import plain_text
 from harness.core.typed_json import to_json
 
 if TYPE_CHECKING:

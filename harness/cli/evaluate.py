@@ -6,33 +6,9 @@ from typing import Annotated
 
 import typer
 
+from harness.cli import options as opt
 from harness.cli.display import print_json, shown_progress
-from harness.cli.options import (  # fmt: skip
-    Cell,
-    Dataset,
-    ExecutorName,
-    ExecutorOption,
-    Jobs,
-    Json,
-    ManifestPath,
-    MethodsToRun,
-    Parts,
-    Protocol,
-    RayAddress,
-    Reason,
-    Recipe,
-    Seed,
-    Set,
-    SlurmOptions,
-    SplitName,
-    Subjects,
-    Timeout,
-    Where,
-    WorkspacePath,
-    limit_s,
-    parsed_settings,
-    split_names,
-)  # fmt: skip
+from harness.cli.options import limit_s, parsed_settings, split_names
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError
 from harness.core.files.names import CAMERAS
@@ -108,34 +84,34 @@ Share = Annotated[
 
 @app.command()
 def evaluate(
-    method: MethodsToRun,
-    dataset: Dataset = "avatars",
-    subjects: Subjects = "",
-    split: SplitName = "",
-    recipe: Recipe = "paper8",
-    protocol: Protocol = "mexecon",
+    method: opt.MethodsToRun,
+    dataset: opt.Dataset = "avatars",
+    subjects: opt.Subjects = "",
+    split: opt.SplitName = "",
+    recipe: opt.Recipe = "paper8",
+    protocol: opt.Protocol = "mexecon",
     run: NewRun = "main",
-    settings: Set = None,
+    settings: opt.Set = None,
     row: Row = "",
     cameras: Cameras = "given",
-    parts: Parts = OPEN,
-    seed: Seed = 0,
+    parts: opt.Parts = OPEN,
+    seed: opt.Seed = 0,
     seeds: Seeds = "",
-    jobs: Jobs = 1,
+    jobs: opt.Jobs = 1,
     keep: Keep = False,
-    reason: Reason = "",
-    timeout: Timeout = 3600.0,
+    reason: opt.Reason = "",
+    timeout: opt.Timeout = 3600.0,
     share: Share = True,
-    executor: ExecutorOption = ExecutorName.LOCAL,
-    ray_address: RayAddress = "",
-    slurm: SlurmOptions = None,
-    cell: Cell = None,
+    executor: opt.ExecutorOption = opt.ExecutorName.LOCAL,
+    ray_address: opt.RayAddress = "",
+    slurm: opt.SlurmOptions = None,
+    cell: opt.Cell = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only show what would run, and why.")
     ] = False,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Run methods on subjects and score what they make.
 
@@ -158,7 +134,7 @@ def evaluate(
         reason=reason,
         timeout_s=limit_s(timeout),
         share=share,
-        executor=Where(executor, cell, ray_address, slurm, timeout).executor(place, jobs),
+        executor=opt.Where(executor, cell, ray_address, slurm, timeout).executor(place, jobs),
     )
     if dry_run:
         _show_plan(request, seeds, as_json=as_json)

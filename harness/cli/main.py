@@ -19,10 +19,9 @@ import typer
 
 from harness import __version__
 from harness.cli.verb_list import Verbs
-from harness.core.errors import HarnessError, WriteError
+from harness.core.errors import HarnessError, WriteError, plain_text
 from harness.core.files.atomic import NO_ROOM
 from harness.core.missing import explained
-from harness.core.plain_text import plain_text
 from harness.core.process.interrupts import Interrupted, stopping_signal
 from mexecon_harness import answer_signals, goodbye, ignore_signals
 

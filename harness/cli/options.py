@@ -12,9 +12,8 @@ import typer
 from harness.core.errors import HarnessError
 from harness.core.files.names import listed_names
 from harness.run.ray_cluster import RayCluster
-from harness.run.resources import Grant
 from harness.run.slurm import Slurm
-from harness.run.task import Executor
+from harness.run.task import Executor, Grant
 from harness.run.workspace import Workspace
 
 

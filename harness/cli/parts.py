@@ -8,16 +8,9 @@ from typing import Annotated
 
 import typer
 
+from harness.cli import options as opt
 from harness.cli.display import print_json
-from harness.cli.options import (
-    Dataset,
-    Json,
-    ManifestPath,
-    Recipe,
-    Subjects,
-    WorkspacePath,
-    split_names,
-)  # fmt: skip
+from harness.cli.options import split_names
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.typed_json import to_json
@@ -38,7 +31,7 @@ _MARKS = {State.OK: "ok", State.MISSING: "MISSING", State.CORRUPT: "CORRUPT"}
 
 
 @app.command("list")
-def list_parts(as_json: Json = False) -> None:
+def list_parts(as_json: opt.Json = False) -> None:
     """List every kind of part: what it is for, its licence, where to get it, and what is there."""
     if as_json:
         print_json([_document(kind) for kind in all_kinds()])
@@ -97,7 +90,7 @@ def import_part(
             "own.",
         ),
     ] = None,
-    as_json: Json = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Check a file, convert it where it has to be, and keep it with its checksum and licence.
 
@@ -123,7 +116,7 @@ def verify(
             metavar="[KIND|KIND/NAME]...", help="Parts to verify. Default: all that are there."
         ),
     ] = None,
-    as_json: Json = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Compare the files of the parts with their checksums.
 
@@ -147,9 +140,9 @@ def calibrate(
     kind: Annotated[
         str, typer.Argument(metavar="KIND", help="Kind of part; only smplx has landmark offsets.")
     ],
-    dataset: Dataset = "thuman21",
-    subjects: Subjects = "",
-    recipe: Recipe = "paper8",
+    dataset: opt.Dataset = "thuman21",
+    subjects: opt.Subjects = "",
+    recipe: opt.Recipe = "paper8",
     model: Annotated[
         str,
         typer.Option(
@@ -163,9 +156,9 @@ def calibrate(
         bool,
         typer.Option("--forget", help="Delete the offsets, so that all are zero, as published."),
     ] = False,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Measure where MediaPipe marks people, relative to SMPL-X's points of the same names.
 

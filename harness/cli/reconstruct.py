@@ -7,19 +7,9 @@ from typing import Annotated
 
 import typer
 
+from harness.cli import options as opt
 from harness.cli.display import print_json, shown_progress
-from harness.cli.options import (
-    Json,
-    ManifestPath,
-    MethodsToRun,
-    Seed,
-    Set,
-    Timeout,
-    WorkspacePath,
-    limit_s,
-    parsed_settings,
-    split_names,
-)  # fmt: skip
+from harness.cli.options import limit_s, parsed_settings, split_names
 from harness.cli.verb_list import verb_group
 from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
@@ -79,18 +69,18 @@ Name = Annotated[
 @app.command()
 def reconstruct_photos(
     what: What,
-    method: MethodsToRun = "",
+    method: opt.MethodsToRun = "",
     output: Output = None,
     field: Field = None,
     height: Height = None,
     mask: Mask = None,
     name: Name = "",
-    settings: Set = None,
-    seed: Seed = 0,
-    timeout: Timeout = 3600.0,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    settings: opt.Set = None,
+    seed: opt.Seed = 0,
+    timeout: opt.Timeout = 3600.0,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Reconstruct a person from photos.
 

@@ -2,25 +2,9 @@
 
 from __future__ import annotations
 
+from harness.cli import options as opt
 from harness.cli.display import print_outcomes, shown_progress
-from harness.cli.options import (  # fmt: skip
-    Cell,
-    Dataset,
-    ExecutorName,
-    ExecutorOption,
-    Jobs,
-    Json,
-    ManifestPath,
-    RayAddress,
-    Recipe,
-    SlurmOptions,
-    SplitName,
-    Subjects,
-    Timeout,
-    Where,
-    WorkspacePath,
-    limit_s,
-)  # fmt: skip
+from harness.cli.options import limit_s
 from harness.cli.verb_list import verb_group
 from harness.data.manifest import load_manifest
 from harness.run.captures import render_all
@@ -32,19 +16,19 @@ app = verb_group("render")
 
 @app.command()
 def render(
-    dataset: Dataset = "avatars",
-    subjects: Subjects = "",
-    split: SplitName = "",
-    recipe: Recipe = "paper8",
-    jobs: Jobs = 1,
-    timeout: Timeout = 3600.0,
-    executor: ExecutorOption = ExecutorName.LOCAL,
-    ray_address: RayAddress = "",
-    slurm: SlurmOptions = None,
-    cell: Cell = None,
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    dataset: opt.Dataset = "avatars",
+    subjects: opt.Subjects = "",
+    split: opt.SplitName = "",
+    recipe: opt.Recipe = "paper8",
+    jobs: opt.Jobs = 1,
+    timeout: opt.Timeout = 3600.0,
+    executor: opt.ExecutorOption = opt.ExecutorName.LOCAL,
+    ray_address: opt.RayAddress = "",
+    slurm: opt.SlurmOptions = None,
+    cell: opt.Cell = None,
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Render calibrated photos of subjects.
 
@@ -53,7 +37,7 @@ def render(
     """
     checked, place = load_manifest(manifest), Workspace.default(workspace)
     source = chosen_source(checked, place, (dataset, split), subjects, recipe)
-    where = Where(executor, cell, ray_address, slurm, timeout)
+    where = opt.Where(executor, cell, ray_address, slurm, timeout)
     elsewhere = where.executor(place, jobs)
     with shown_progress(quiet=as_json) as progress:
         outcomes = render_all(source, jobs, progress, limit_s(timeout), elsewhere)

@@ -8,34 +8,27 @@ from typing import Annotated
 
 import typer
 
+from harness.cli import options as opt
 from harness.cli.display import deliver, how_to_open, shown_progress
-from harness.cli.options import (
-    Json,
-    ManifestPath,
-    MethodsToShow,
-    Reason,
-    Run,
-    SplitName,
-    Subjects,
-    WorkspacePath,
-    split_names,
-)
+from harness.cli.options import split_names
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError
 from harness.core.protocol_scores import RunScores
 from harness.data.manifest import load_manifest
 from harness.report.figures import FIGURES, FigureRequest, draw_figure
 from harness.report.page import PageRequest, write_page
-from harness.report.photo_tables import PHOTO_TABLES, PhotoReport, build_photo_table
 from harness.report.seeds import table_of_seeds
 from harness.report.tables import (
     FORMATS,
     PAIRED_TABLE,
+    PHOTO_TABLES,
     PROTOCOLS_TABLE,
     PUBLISHED_TABLE,
     SEEDS_TABLE,
     TABLES,
+    PhotoReport,
     ReportRequest,
+    build_photo_table,
     build_published,
     build_table,
     table_of_protocols,
@@ -244,12 +237,12 @@ def report(
     context: typer.Context,
     table: TableName = "geometry",
     form: Format = "markdown",
-    run: Run = None,
+    run: opt.Run = None,
     records: RecordFile = None,
     before: Before = None,
-    method: MethodsToShow = "",
-    subjects: Subjects = "",
-    split: SplitName = "",
+    method: opt.MethodsToShow = "",
+    subjects: opt.Subjects = "",
+    split: opt.SplitName = "",
     interval: Interval = False,
     published: Published = False,
     paired: Paired = False,
@@ -259,10 +252,10 @@ def report(
     page: Page = None,
     surfaces: Surfaces = "",
     include_licensed: IncludeLicensed = False,
-    reason: Reason = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    reason: opt.Reason = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Print a table of a run, draw a figure, or write a page."""
     place = Workspace.default(workspace)

@@ -8,22 +8,20 @@ from typing import Annotated
 
 import typer
 
-from harness.board.compare import changed_entries, changes_markdown, compare_boards
-from harness.board.copying import export_results, merge_entry, withheld
+from harness.board.copying import (
+    changed_entries,
+    changes_markdown,
+    compare_boards,
+    export_results,
+    merge_entry,
+    withheld,
+)
 from harness.board.entries import Entry, entries_in
 from harness.board.page import write_board_page
 from harness.board.verify import NO_RECORD, Truths, Verification, verify_entry
+from harness.cli import options as opt
 from harness.cli.display import print_json, shown_progress
-from harness.cli.options import (
-    Json,
-    ManifestPath,
-    MethodsToShow,
-    Reason,
-    Run,
-    Subjects,
-    WorkspacePath,
-    split_names,
-)
+from harness.cli.options import split_names
 from harness.cli.verb_list import verb_group
 from harness.core.errors import HarnessError, did_you_mean
 from harness.core.records import Record
@@ -69,11 +67,11 @@ Since = Annotated[
 def export(
     folder: Target,
     version: Version,
-    run: Run = None,
-    method: MethodsToShow = "",
-    subjects: Subjects = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
+    run: opt.Run = None,
+    method: opt.MethodsToShow = "",
+    subjects: opt.Subjects = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
 ) -> None:
     """Write records and meshes of a run as results that can be handed in.
 
@@ -96,10 +94,10 @@ def export(
 @app.command()
 def records(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, or to replace.")],
-    run: Run = None,
-    method: MethodsToShow = "",
-    subjects: Subjects = "",
-    workspace: WorkspacePath = None,
+    run: opt.Run = None,
+    method: opt.MethodsToShow = "",
+    subjects: opt.Subjects = "",
+    workspace: opt.WorkspacePath = None,
 ) -> None:
     """Write the records of a run into one file, without meshes.
 
@@ -118,12 +116,12 @@ def records(
 def verify(
     folder: Submission,
     dataset: Complete = "",
-    method: MethodsToShow = "",
+    method: opt.MethodsToShow = "",
     since: Since = None,
-    reason: Reason = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    reason: opt.Reason = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Score the meshes of results again, and compare.
 
@@ -152,10 +150,10 @@ def merge(
     folder: Submission,
     board: Board,
     dataset: Complete = "",
-    method: MethodsToShow = "",
-    reason: Reason = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
+    method: opt.MethodsToShow = "",
+    reason: opt.Reason = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
 ) -> None:
     """Verify results, put them on a board, and say what changes.
 
@@ -180,7 +178,7 @@ def merge(
 def compare(
     base: Annotated[Path, typer.Argument(metavar="BASE", help="Board as it is.")],
     head: Annotated[Path, typer.Argument(metavar="HEAD", help="Board as it would be.")],
-    as_json: Json = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Say in Markdown what one board changes in comparison with another.
 

@@ -8,17 +8,9 @@ from typing import Annotated
 
 import typer
 
+from harness.cli import options as opt
 from harness.cli.display import print_json, shown_progress
-from harness.cli.options import (
-    Dataset,
-    Json,
-    ManifestPath,
-    Protocol,
-    Reason,
-    Subjects,
-    WorkspacePath,
-    split_names,
-)  # fmt: skip
+from harness.cli.options import split_names
 from harness.cli.verb_list import verb_group
 from harness.core.arrays import Floats
 from harness.core.errors import HarnessError
@@ -26,9 +18,8 @@ from harness.core.files.npz import write_npz
 from harness.core.settings import MetricProtocol
 from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
-from harness.run.external_meshes import FolderRequest, score_folder
-from harness.run.pair import PairScores, score_views
-from harness.run.pair import score as score_meshes
+from harness.run.external_meshes import FolderRequest, PairScores, score_folder, score_views
+from harness.run.external_meshes import score as score_meshes
 from harness.run.protocol_scores import score_protocols
 from harness.run.sealed import Look, admit
 from harness.run.sources import ScanSet
@@ -78,17 +69,17 @@ Points = Annotated[
 def score(
     predicted: Predicted,
     gt: Truth = None,
-    dataset: Dataset = "",
+    dataset: opt.Dataset = "",
     name: MethodName = "",
     title: Title = "",
-    subjects: Subjects = "",
-    protocol: Protocol = "mexecon",
+    subjects: opt.Subjects = "",
+    protocol: opt.Protocol = "mexecon",
     run: NewRun = "main",
     points: Points = None,
-    reason: Reason = "",
-    workspace: WorkspacePath = None,
-    manifest: ManifestPath = None,
-    as_json: Json = False,
+    reason: opt.Reason = "",
+    workspace: opt.WorkspacePath = None,
+    manifest: opt.ManifestPath = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Score meshes that were made elsewhere.
 

@@ -21,7 +21,7 @@ from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
-from harness.core.files.reach import inside
+from harness.core.files.names import inside
 from harness.core.mesh import Mesh
 from harness.core.rigs import views_from_front
 

@@ -1,11 +1,26 @@
-"""What each metric is called, in which unit it is printed, and where its definition comes from."""
+"""Units, and what each metric is called, is printed in, and where its definition comes from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 
-from harness.core.units import Unit
+MM_PER_METRE = 1000.0
+#: The scale rule under which a scan keeps its own units and 1 unit counts as 1 m, as the published
+#: results were very likely made. Metres and such units never share a table.
+UNITS_RULE = "units"
+
+
+class Unit(str, Enum):
+    """A unit's symbol as printed in tables and files."""
+
+    millimetre = "mm"
+    degree = "deg"
+    ratio = "ratio"
+    percent = "%"
+    pixel = "px"
+    none = "1"
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,17 +10,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness.core.artifacts import StageCost
-from harness.core.errors import DataError
+from harness.core.errors import DataError, is_plain, plain_text
 from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash
 from harness.core.files.names import NAME_RULE, is_name
-from harness.core.metric_catalog import METRICS
-from harness.core.plain_text import is_plain, plain_text
+from harness.core.metric_catalog import METRICS, UNITS_RULE
 from harness.core.protocols import RING, MethodInfo, Privilege
 from harness.core.settings import MetricProtocol
 from harness.core.typed_json import from_json, is_array, is_mapping, to_json
-from harness.core.units import UNITS_RULE
 
 
 @dataclass(frozen=True, slots=True)

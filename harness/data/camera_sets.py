@@ -26,9 +26,9 @@ from harness.core.camera import rigid_inverse
 from harness.core.camera_frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.errors import DataError, listed
 from harness.core.files.atomic import read_json, write_text
+from harness.core.files.names import inside
 from harness.core.files.npz import read_array_npz
 from harness.core.files.pickles import read_array_pickle
-from harness.core.files.reach import inside
 from harness.core.missing import not_installed
 from harness.data.camera_files import unread
 from harness.data.pictures import picture_facts

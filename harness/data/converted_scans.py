@@ -24,10 +24,9 @@ from harness.data.stature import stature
 from harness.data.texture_atlas import Paint, joined, paint_of_corners
 from harness.files.coloured_mesh import FileColours
 from harness.files.gltf import GlbPart, read_glb_parts
-from harness.files.mesh_files import load_mesh
+from harness.files.mesh_files import atlas_of, load_mesh, read_pickled_mesh
 from harness.files.mtl import Picture, materials_of
 from harness.files.obj import read_obj_colours, write_obj
-from harness.files.pickled_mesh import atlas_of, read_pickled_mesh
 from harness.files.ply import read_ply_colours
 from harness.geometry.images import (
     MOST_PIXELS,

@@ -17,8 +17,7 @@ from typing import Annotated
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.core.errors import DataError, HarnessError, did_you_mean, listed
-from harness.core.files.names import is_name, listed_names
-from harness.core.files.reach import inside
+from harness.core.files.names import inside, is_name, listed_names
 from harness.data.layouts import FITTED_BODY, Companions, FoundFolder, Layout
 from harness.data.yaml_text import read_yaml
 

@@ -10,11 +10,10 @@ from enum import Enum
 from pathlib import Path
 
 from harness.core.errors import DataError, HarnessError, did_you_mean
-from harness.core.files.names import NAME_RULE, is_name
-from harness.core.files.reach import inside
+from harness.core.files.names import NAME_RULE, inside, is_name
 from harness.data.scans import APPEARANCE_SUFFIXES
+from harness.files.mesh_files import atlas_of
 from harness.files.mtl import Picture, materials_of, picture_file
-from harness.files.pickled_mesh import atlas_of
 from harness.geometry.images import check_picture
 
 #: Formats of which colours can be read.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from harness.core.arrays import Bytes, Floats, Mask, Singles
 from harness.core.camera import Camera
 from harness.core.errors import DataError
-from harness.core.files.reach import inside
+from harness.core.files.names import inside
 from harness.data.lens import ForeignView, Lens, undistortion_map
 from harness.geometry.images import eight_bit, read_picture, resampled
 

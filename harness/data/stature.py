@@ -8,8 +8,8 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.mesh import Mesh
+from harness.geometry.coinciding import edges_of, pieces_of
 from harness.geometry.surface import merged_positions
-from harness.geometry.topology import edges_of, pieces_of
 
 #: A piece with less than this share of the area is a speck; if these are more together than this
 #: share, the surface consists of such pieces, and none is one.

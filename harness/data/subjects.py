@@ -16,8 +16,8 @@ from harness.core.errors import DataError
 from harness.core.files.hashing import file_sha256
 from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
+from harness.core.metric_catalog import UNITS_RULE
 from harness.core.process.source_digest import SourceTree
-from harness.core.units import UNITS_RULE
 from harness.data.scans import height_warnings, load_scan, locate_scan
 from harness.data.stature import stature
 from harness.data.thuman import (
@@ -32,8 +32,8 @@ from harness.data.thuman import (
 )
 from harness.files.mesh_files import load_mesh
 from harness.files.mtl import material_files, texture_image
+from harness.geometry.coinciding import open_edges
 from harness.geometry.occlusion import hidden_share
-from harness.geometry.topology import open_edges
 
 if TYPE_CHECKING:
     from harness.data.manifest import Dataset

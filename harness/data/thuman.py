@@ -9,7 +9,7 @@ from pathlib import Path
 
 from harness.core.errors import DataError
 from harness.core.files.hashing import file_sha256
-from harness.core.files.reach import inside
+from harness.core.files.names import inside
 
 #: Below the root: THuman 2.1 as its users quote it, THuman 2.0, and a copy one level down.
 _SCAN_PLACES = ("model/{id}/{id}.obj", "{id}/{id}.obj", "*/model/{id}/{id}.obj", "*/{id}/{id}.obj")

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from harness.core.errors import DataError
-from harness.core.plain_text import is_plain
+from harness.core.errors import DataError, is_plain
 
 #: The line of every key, by its path of keys.
 Lines = dict[tuple[str, ...], int]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from harness.core.errors import DataError
-from harness.core.files.reach import inside, named_path
+from harness.core.files.names import inside, named_path
 
 _MOST_BYTES = 2**20
 _BEFORE = re.compile(rb"(?:\A(?:\xef\xbb\xbf)?|[\r\n])[ \t]*\Z")

@@ -12,13 +12,12 @@ from harness.core.arrays import AnyInts, Floats, Ints, Mask, Singles
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.files.coloured_mesh import ColouredMesh
-from harness.geometry.coinciding import merged_positions
+from harness.geometry.coinciding import components, edges_of, merged_positions
 from harness.geometry.images import srgb_from_linear
+from harness.geometry.occlusion import Sight, linear_light, sight_of
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import vertex_normals
-from harness.geometry.topology import components, edges_of
-from harness.geometry.visibility import Sight, linear_light, sight_of
 
 #: Vertices are put together in cells of this share of the wanted width.
 _CELL_SHARE = 1.0 / 3.0

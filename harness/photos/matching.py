@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.errors import DataError, listed
-from harness.core.files.reach import inside
+from harness.core.files.names import inside
 from harness.data.lens import ForeignCameras, ForeignView
 from harness.data.pictures import (
     PICTURE_SUFFIXES,

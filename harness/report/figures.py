@@ -15,10 +15,10 @@ from harness.core.files.hashing import content_hash
 from harness.core.files.names import suffix_of
 from harness.core.files.npz import read_required_arrays, write_npz
 from harness.core.mesh import Mesh
+from harness.core.metric_catalog import UNITS_RULE
 from harness.core.protocols import Privilege
 from harness.core.records import Record
 from harness.core.truth import face_regions, true_body
-from harness.core.units import UNITS_RULE
 from harness.data.manifest import Manifest
 from harness.files.mesh_files import load_mesh
 from harness.geometry.raycast import Raycaster, Side
@@ -37,6 +37,7 @@ from harness.run.workspace import Workspace
 from metrics.body import VertexErrors, vertex_errors
 from metrics.normals import angular_error_map
 from metrics.regions import FAR_MM
+from reports.figures.charts import RigPanel, rank_curves, rig_figure, view_curves
 from reports.figures.comparison import (
     MethodMesh,
     NormalPanels,
@@ -56,8 +57,6 @@ from reports.figures.failures import (
     worst_subjects,
 )
 from reports.figures.panels import ErrorScale
-from reports.figures.rig import RigPanel, rig_figure
-from reports.figures.view_curves import rank_curves, view_curves
 from reports.statistics import bootstrap_ends
 from reports.tables.normals import headline
 from reports.tables.views import view_series, views_table

@@ -8,15 +8,39 @@ from pathlib import Path
 from harness.core.artifacts import Capture
 from harness.core.errors import HarnessError
 from harness.core.process.interrupts import in_threads
-from harness.core.process.workers import run_worker
+from harness.core.process.threads import StepReport
+from harness.core.process.workers import run_worker, worker_main
 from harness.geometry.images import save_png
-from harness.run.capture_worker import CaptureJob
 from harness.run.progress import CAMERAS, PHOTOS, PhotoSteps, Progress, Silent
 from harness.run.sealed import Look, admit, announce
 from harness.run.sources import Source
 from harness.run.task import Answer, Executor, Local, Task
 
-_WORKER = "harness.run.capture_worker"
+
+@dataclass(frozen=True, slots=True)
+class CaptureJob:
+    """What to make of one subject.
+
+    Attributes:
+        source: The dataset and the recipe, with this subject alone.
+        only_scan: Whether the avatar is enough, without photos.
+    """
+
+    source: Source
+    only_scan: bool = False
+
+
+def handle(job: CaptureJob, report: StepReport) -> dict[str, object]:
+    """Make what is missing; everything that the caller wants to know is on disk then."""
+    for subject in job.source.subjects:
+        if job.only_scan:
+            job.source.make_avatar(subject)
+        else:
+            job.source.ensure_capture(subject, report)
+    return {}
+
+
+_WORKER = "harness.run.captures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,3 +241,7 @@ def make_avatars(source: Source, jobs: int, progress: Progress) -> list[CaptureO
         return CaptureOutcome(subject, "made now", directory)
 
     return in_threads(one, source.subjects, jobs)
+
+
+if __name__ == "__main__":
+    worker_main(handle)

@@ -1,38 +1,149 @@
 """Runs in a child process: one method on one subject, scored, with what it cost.
 
 The job says what the record will be filed under, and the result says whether photos, scan and code
-were the same from the beginning to the end.
+were the same from the beginning to the end. Work that methods share is made once a workspace, filed
+under a key of everything that decides it: its inputs, the code that makes it and the packages that
+this code imports. Whoever is handed it is charged what it cost to make.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import json
+import re
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
-from harness.core.artifacts import Capture, Reconstruction, Scan
-from harness.core.errors import HarnessError, Killed, MethodError, MissingPart, WriteError
-from harness.core.files.hashing import file_sha256
-from harness.core.process.shared_work import Sharing, alone
-from harness.core.process.source_digest import listed_differences
+import numpy as np
+
+from harness.core.artifacts import Capture, Reconstruction, Scan, StageCost
+from harness.core.errors import (
+    DataError,
+    HarnessError,
+    Killed,
+    MethodError,
+    MissingPart,
+    WriteError,
+)
+from harness.core.files.atomic import exclusive_lock, remove_leftovers
+from harness.core.files.hashing import content_hash, file_sha256
+from harness.core.files.npz import read_array_npz, write_npz
+from harness.core.process.shared_work import Sharing, Work, alone
+from harness.core.process.source_digest import SourceDigest, SourceTree, listed_differences
 from harness.core.process.threads import StepReport
 from harness.core.process.workers import worker_main
 from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.records import Scores
 from harness.core.settings import MetricProtocol
+from harness.core.typed_json import from_json, to_json
 from harness.files.mesh_files import save_mesh
 from harness.run.cell import Truth, lent_to, scores_of, seed_for
 from harness.run.cell_job import CellJob, CellResult
 from harness.run.cost import StageMeter
 from harness.run.method_choice import ChosenMethod
 from harness.run.publication import BODY_FILE, MESH_FILE, NORMALS_FILE, save_body, save_normals
-from harness.run.record_inputs import Inputs, environment, evaluated
-from harness.run.shared_results import SharedResults
+from harness.run.record_inputs import Inputs, environment, evaluated, method_code
 from harness.run.uncalibrated import brought, own_world, with_cameras
 from harness.run.view_choice import as_given, views_for
 from methods.points.surfacing import reconstructed
+
+T = TypeVar("T")
+
+_COST = "shared_cost"
+
+
+@dataclass(frozen=True, slots=True)
+class _Cost:
+    """What work cost when it was made, by stage."""
+
+    stages: tuple[StageCost, ...]
+
+
+@dataclass(slots=True)
+class SharedResults:
+    """Hands out work that was made before, and keeps what is made.
+
+    Attributes:
+        folder: Where it is kept.
+        meter: Is charged with the cost of what is handed out.
+        is_current: Whether code and inputs are still those that the process began with; nothing is
+            kept otherwise, because it could be filed under a key that is not its own.
+        taken: Names of what was handed out, in order.
+    """
+
+    folder: Path
+    meter: StageMeter
+    is_current: Callable[[], bool]
+    taken: list[str] = field(default_factory=list[str])
+
+    def __call__(self, work: Work[T]) -> T:
+        """The outcome of some work; the same, to the bit, whether it was made now or before.
+
+        A file that cannot be read is made anew.
+
+        Raises:
+            HarnessError: what making it raises; nothing is kept then.
+        """
+        key = _key(work)
+        path = self.folder / re.sub(r"\W+", "-", work.name) / f"{key}.npz"
+        # Who waits while another makes it is charged what it cost, and not for the waiting, too.
+        with self.meter.waiting_for(exclusive_lock(path.with_suffix(".lock"))):
+            remove_leftovers(path)
+            if path.is_file():
+                try:
+                    value, cost = _read(path, work)
+                except DataError:
+                    path.unlink()
+                else:
+                    self.meter.add(cost.stages)
+                    self.taken.append(work.name)
+                    return value
+            return self._made(work, path)
+
+    def _made(self, work: Work[T], path: Path) -> T:
+        with self.meter.watched(work.name) as stages:
+            value = work.make()
+        if self.is_current():
+            self._keep(value, work, path, stages)
+        return value
+
+    def _keep(self, value: T, work: Work[T], path: Path, stages: Sequence[StageCost]) -> None:
+        cost = json.dumps(to_json(_Cost(tuple(stages))))
+        arrays = {**work.packed(value), _COST: np.frombuffer(cost.encode(), dtype=np.uint8)}
+        write_npz(path, arrays, compressed=False)
+
+
+def _key(work: Work[T]) -> str:
+    code = _code(work.module)
+    return content_hash(
+        {
+            "work": work.name,
+            "inputs": dict(work.inputs),
+            "code": dict(code.modules),
+            "packages": dict(code.packages),
+        }
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _code(module: str) -> SourceDigest:
+    """Asked once a process, which runs the code that it has imported."""
+    return SourceTree.installed(module).digest([module], [])
+
+
+def _read(path: Path, work: Work[T]) -> tuple[T, _Cost]:
+    arrays = read_array_npz(path)
+    try:
+        document = json.loads(arrays[_COST].tobytes())
+        value = work.unpacked(arrays)
+    except (KeyError, ValueError) as error:
+        raise DataError(f"{path} is not a stored {work.name}", got=str(error)) from error
+    return value, from_json(_Cost, document, path, "the cost of shared work")
+
 
 #: What only a scan can lend.
 _OF_THE_SCAN = (Privilege.GROUND_TRUTH_MESH, Privilege.SUBJECT_CENTRE, Privilege.ORACLE_NORMALS)
@@ -96,7 +207,8 @@ class _Task:
     def _inputs(self, capture: Capture, scan: Scan | None) -> Inputs:
         method, seed = self.method, self.job.seed
         info = as_given(method.info, capture)
-        return evaluated(info, method.module, capture, scan, self.protocol, seed)
+        code = method_code(method.module, info.privileges)
+        return evaluated(info, code, capture, scan, self.protocol, seed)
 
     def carried_out(self) -> CellResult:
         """The method's result, written, and scored where there is a scan.

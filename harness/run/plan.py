@@ -15,7 +15,7 @@ from harness.core.protocols import MethodInfo, Privilege
 from harness.core.records import Record
 from harness.core.settings import MetricProtocol
 from harness.run.method_choice import ChosenMethod, MethodRef
-from harness.run.record_inputs import Inputs, made_from, method_code
+from harness.run.record_inputs import Inputs, evaluated, method_code
 from harness.run.sources import Source
 from harness.run.store import CellFolder, RunStore
 from harness.run.task import Executor
@@ -139,7 +139,7 @@ class EvalRequest:
         """
         info, subject = as_given(method.info, files.capture), files.capture.subject
         code = read(method.module, info.privileges)
-        inputs = made_from(info, code, files.capture, files.scan, self.protocol, self.seed)
+        inputs = evaluated(info, code, files.capture, files.scan, self.protocol, self.seed)
         folder = self.store.cell(method.row, subject)
         record: Record | None = None
         try:

@@ -19,8 +19,7 @@ from typing import Any
 from harness.core.errors import HarnessError
 from harness.core.process.interrupts import require_not_stopped
 from harness.run.progress import Progress
-from harness.run.resources import Grant, extra_package
-from harness.run.task import Answer, Errand, Task, carry_out_here
+from harness.run.task import Answer, Errand, Grant, Task, carry_out_here, extra_package
 
 #: A resource that clusters may have, so that not too many renderings are on one machine at once.
 BLENDER = "blender"

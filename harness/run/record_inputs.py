@@ -92,42 +92,17 @@ class Inputs:
 
 def evaluated(
     method: MethodInfo,
-    module: str,
-    capture: Capture,
-    scan: Scan | None,
-    protocol: MetricProtocol,
-    seed: int,
-) -> Inputs:
-    """What a method's record on a subject is made from now.
-
-    Args:
-        method: With the settings that it runs with.
-        module: In which the catalogue has it.
-        capture: The photos as they lie on disk.
-        scan: The subject's scan as it lies on disk; None where there is none.
-        protocol: How results are scored.
-        seed: Root seed of the run.
-
-    Raises:
-        HarnessError: the method's source code is missing.
-    """
-    code = method_code(module, method.privileges)
-    return made_from(method, code, capture, scan, protocol, seed)
-
-
-def made_from(
-    method: MethodInfo,
     code: SourceDigest,
     capture: Capture,
     scan: Scan | None,
     protocol: MetricProtocol,
     seed: int,
 ) -> Inputs:
-    """What a method's record on a subject is made from, with code that has been read before.
+    """What a method's record on a subject is made from.
 
     Args:
         method: With the settings that it runs with.
-        code: That of the method, as ``method_code`` has read it.
+        code: That of the method now, as ``method_code`` reads it.
         capture: The photos as they lie on disk.
         scan: The subject's scan as it lies on disk; None where there is none.
         protocol: How results are scored.

@@ -22,8 +22,7 @@ from harness.core.files.atomic import read_json, write_json
 from harness.core.process.interrupts import require_not_stopped
 from harness.core.typed_json import from_json, to_json
 from harness.run.progress import Progress
-from harness.run.resources import Grant, extra_package
-from harness.run.task import Answer, Errand, Task, carry_out_here
+from harness.run.task import Answer, Errand, Grant, Task, carry_out_here, extra_package
 
 #: Below the 1001 that Slurm's MaxArraySize is unless somebody changed it.
 _MOST_ELEMENTS = 1000

@@ -31,7 +31,7 @@ from methods.cameras.adjustment import (
     sparse_rows,
 )
 from methods.cameras.values import PhotoView
-from methods.closed.outlines import SignedOutline
+from methods.closed.surfaces import SignedOutline
 
 #: Around the subject's box, metres at the subject: further out a point is as far as it is beside
 #: the window, which only has to be far.

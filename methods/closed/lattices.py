@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Ints, Mask, Singles
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.hull import isosurface
+from harness.geometry.coinciding import largest_piece
+from harness.geometry.outline import isosurface
 from harness.geometry.place import place_of
 from harness.geometry.surface import SurfaceIndex
-from harness.geometry.topology import largest_piece
-from methods.closed.outlines import SignedOutline, outlines_distance
-from methods.closed.surfaces import Surface, smoothed_along
+from methods.closed.surfaces import SignedOutline, Surface, outlines_distance, smoothed_along
 
 #: Lattice points beyond the box on each side.
 _FREE_CELLS = 3

@@ -28,7 +28,7 @@ from harness.core.files.names import NAME_RULE, is_name
 from harness.core.protocols import Privilege
 from harness.core.typed_json import from_json, to_json
 from harness.files.mesh_files import MESH_SUFFIXES
-from methods.points.alignment import ALIGNMENTS
+from methods.points.cloud import ALIGNMENTS
 
 METHOD_FILE = "method.toml"
 Value = bool | int | float | str

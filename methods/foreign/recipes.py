@@ -27,6 +27,7 @@ from methods.foreign.environment import file_digest
 from methods.foreign.interpreter import Interpreter, Launch
 from methods.foreign.method_file import METHOD_FILE, MethodFile, Needs, read_method
 from methods.parts.store import user_folder
+from methods.publications.deviations import VGGT_ROW
 from methods.publications.published import Published
 
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
@@ -358,3 +359,15 @@ def _head(checkout: Path) -> str:
         return (checkout / ".git" / name).read_text().strip() if name != head else head
     except OSError:
         return "an unknown state"
+
+
+vggt8 = RecipeMethod.named("vggt", published=VGGT_ROW)
+vggt2 = RecipeMethod.named("vggt", row="vggt2", views=(0, 4))
+da3_8 = RecipeMethod.named("da3")
+mapanything8 = RecipeMethod.named("mapanything")
+pi3_8 = RecipeMethod.named("pi3")
+econ_authors = RecipeMethod.named("econ-authors")
+mexecon_authors = RecipeMethod.named("mexecon-authors")
+sith = RecipeMethod.named("sith")
+pshuman = RecipeMethod.named("pshuman")
+gaussians_2d = RecipeMethod.named("2dgs")

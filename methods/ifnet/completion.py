@@ -19,11 +19,11 @@ from harness.core.camera_frames import OPENCV_TO_BLENDER_CAMERA
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.protocols import Part
-from harness.geometry.hull import isosurface
+from harness.geometry.coinciding import concatenated, edges_of, largest_piece
+from harness.geometry.outline import isosurface
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import concatenated, edges_of, largest_piece
-from methods.ifnet.part import DECODER, ENCODER, IFNET
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.converted import DECODER, ENCODER, IFNET
+from methods.parts.onnx_networks import answers, open_session
 
 #: The field is at least this inside.
 INSIDE = 0.5

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from methods.ifnet.part import DECODER, ENCODER
 from methods.parts.checkpoint_tensors import Checkpoint, Wanted, read_wanted
 from methods.parts.conversion import (
     Graph,
@@ -30,8 +29,9 @@ from methods.parts.conversion import (
     shapes_of,
     write_onnx,
 )
+from methods.parts.converted import DECODER, ENCODER
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, open_session
 from methods.parts.store import Examined
 
 #: Channels of the six lattices of features, fine to coarse.

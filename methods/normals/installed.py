@@ -25,7 +25,7 @@ from harness.core.missing import how_to_install
 from harness.core.process.registry import Registry
 from harness.core.protocols import Part
 from methods.normals.onnx_estimator import OnnxNormals
-from methods.parts.onnx_files import network_stamp
+from methods.parts.onnx_networks import network_stamp
 from methods.parts.store import user_folder
 
 #: The estimator of our own, and the package that has it.

@@ -30,8 +30,7 @@ from harness.core.errors import DataError, MethodError
 from harness.core.protocols import EstimatedNormals, Part
 from harness.geometry.images import unit_normals
 from harness.geometry.window import Window, rounded_up
-from methods.parts.onnx_files import network_sha256
-from methods.parts.onnx_session import open_session
+from methods.parts.onnx_networks import network_sha256, open_session
 
 #: Least number of pixels between the subject and the window's border.
 MARGIN_PX = 16

@@ -12,8 +12,15 @@ from harness.core.mesh import Mesh
 from harness.core.process.threads import on_all_cores
 from harness.geometry.surface import vertex_normals
 from methods.closed.lattices import remeshed
-from methods.closed.outlines import SignedOutline, outlines_distance
-from methods.closed.surfaces import Surface, lengths, smoothed_along, unit, vertex_sums
+from methods.closed.surfaces import (
+    SignedOutline,
+    Surface,
+    lengths,
+    outlines_distance,
+    smoothed_along,
+    unit,
+    vertex_sums,
+)
 from methods.nview.settings import FusionSettings
 from methods.nview.system import (
     FusedTargets,

@@ -29,8 +29,8 @@ from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.solving import SOLVED
 from methods.body.models.choice import forget_body_models
+from methods.body.settings import JMBO_PLUS, FitSettings
 from methods.body_fit import BodyFit
-from methods.fit_settings import JMBO_PLUS, FitSettings
 from methods.normals import ViewMaps, view_maps, working_view
 from methods.normals.result_maps import result_maps
 from methods.nview.fusion import Fused, finished_surface, fused_surface, settled

@@ -24,7 +24,7 @@ from methods.closed.lattices import (
     hull_lattice,
     signed_distance,
 )
-from methods.closed.outlines import SignedOutline
+from methods.closed.surfaces import SignedOutline
 from methods.nview.views import FusionView
 from methods.surface.completion import clothed_body
 

@@ -13,7 +13,7 @@ from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.protocols import even_places
 from harness.geometry.photo import open_photo
-from methods.closed.outlines import SignedOutline, signed_outline
+from methods.closed.surfaces import SignedOutline, signed_outline
 
 #: Fewer silhouettes leave most of the hull's surface free.
 LEAST_VIEWS = 3

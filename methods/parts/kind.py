@@ -197,9 +197,9 @@ class PartKind(Protocol):
 KINDS = Registry(
     "kind of part",
     {
-        "econ-normal": "methods.normals.econ.part:ECON_NORMALS",
-        "ifnet": "methods.ifnet.part:IFNET",
-        "pixie": "methods.body.pixie.part:PIXIE",
+        "econ-normal": "methods.parts.converted:ECON_NORMALS",
+        "ifnet": "methods.parts.converted:IFNET",
+        "pixie": "methods.parts.converted:PIXIE",
         "smplx": "methods.body.models.smplx_part:SMPLX",
         "normals-onnx": "methods.normals.estimators:NETWORKS",
         "masks-onnx": "methods.masks:MASK_NETWORKS",

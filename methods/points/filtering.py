@@ -11,8 +11,7 @@ from harness.core.arrays import Floats, Ints, Mask
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.settings import check_choice, check_range
-from methods.points.alignment import ALIGNMENTS
-from methods.points.cloud import OrientedPoints
+from methods.points.cloud import ALIGNMENTS, OrientedPoints
 
 #: Determinant of the window's spread of pixels, px^4, below which they are on one line.
 _ON_ONE_LINE = 1e-3

@@ -17,9 +17,9 @@ import numpy as np
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.coinciding import largest_piece, open_edges
 from harness.geometry.images import sampled
 from harness.geometry.outline import Outline
-from harness.geometry.topology import largest_piece, open_edges
 from methods.points.cloud import OrientedPoints
 from methods.points.filtering import MeshSettings
 from methods.surface.fusion import OCTREES, one_piece

@@ -24,8 +24,7 @@ from harness.files.mesh_files import load_mesh, save_mesh
 from harness.files.point_files import load_points
 from harness.geometry.photo import Photo, open_photo
 from harness.geometry.similarity import camera_similarity
-from methods.points.alignment import moved_onto
-from methods.points.cloud import coverage_in
+from methods.points.cloud import coverage_in, moved_onto
 from methods.points.clouds import kept_cloud
 from methods.points.filtering import (
     AlignSettings,

@@ -10,9 +10,9 @@ import numpy as np
 
 from harness.core.arrays import Floats, Ints, Mask
 from harness.core.mesh import Mesh
+from harness.geometry.coinciding import components, edges_of
 from harness.geometry.solving import solved
 from harness.geometry.surface import vertex_normals
-from harness.geometry.topology import components, edges_of
 
 #: Holds vertices without data where they are, against 1 for a point.
 _HOLD = 1e-3

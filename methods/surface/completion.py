@@ -18,10 +18,10 @@ import numpy as np
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.coinciding import edges_of
 from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex, vertex_normals
-from harness.geometry.topology import edges_of
 
 
 @dataclass(frozen=True, slots=True)

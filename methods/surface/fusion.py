@@ -17,8 +17,14 @@ from harness.core.arrays import Floats, Ints, Ints32, Mask
 from harness.core.camera import Camera
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
+from harness.geometry.coinciding import (
+    concatenated,
+    half_edges,
+    largest_piece,
+    open_edges,
+    pieces_of,
+)
 from harness.geometry.surface import vertex_normals
-from harness.geometry.topology import concatenated, half_edges, largest_piece, open_edges, pieces_of
 
 #: How far the two middles of a cut edge move towards the faces they belong to.
 _APART = 0.1

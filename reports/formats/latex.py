@@ -1,7 +1,7 @@
-r"""Records become the paper's table: booktabs LaTeX that compiles as it is.
+r"""Records become the paper's table: booktabs LaTeX that compiles as it is, or Markdown.
 
 The output is plain ASCII and needs ``\usepackage{booktabs}`` alone. What a cell says was decided in
-``reports/tables/table.py`` and ``reports/formats/latex.py``; here it is only typeset.
+``reports/tables/table.py``; here it is only typeset.
 
 Before: ``harness/run/evaluate.py``. After: nothing; this is the last stop.
 """
@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from harness.core.units import Unit
+from harness.core.metric_catalog import Unit
 from reports.published import PublishedBlock
 from reports.tables.table import DASH, Cell, Column, Row, Table
 
@@ -212,4 +212,45 @@ _LATEX = Markup(
     raised=lambda mark: rf"\textsuperscript{{{escape(mark)}}}",
     interval=_stacked,
     indent=r"\quad ",
+)
+
+
+_ESCAPED = str.maketrans({character: f"\\{character}" for character in r"\`*_[]<>|~#"})
+#: What GitHub makes a link or a message to somebody of; it does not with this sign behind it.
+_LINKED, _BREAK = re.compile(r"@|www(?=\.)|:(?=//)", re.IGNORECASE), "\N{WORD JOINER}"
+
+
+def to_markdown(table: Table) -> str:
+    """A GitHub-flavoured table with its caption above and its footnotes below."""
+    header = header_line(table, _MARKDOWN)
+    lines = [_markdown_escape(table.caption), "", *_grid(header, body_lines(table, _MARKDOWN))]
+    if table.published:
+        [heading], *rows = published_lines(table, table.published, _MARKDOWN)
+        lines += ["", f"{heading}:", "", *_grid(header, rows)]
+    if notes := footnotes(table, _MARKDOWN):
+        lines += ["", "  \n".join(notes)]
+    return "\n".join(lines) + "\n"
+
+
+def _grid(header: list[str], rows: list[list[str]]) -> list[str]:
+    rule = [":---", *["---:"] * (len(header) - 1)]
+    return [f"| {' | '.join(cells)} |" for cells in (header, rule, *rows)]
+
+
+def _markdown_escape(text: str) -> str:
+    return _LINKED.sub(rf"\g<0>{_BREAK}", " ".join(text.split()).translate(_ESCAPED))
+
+
+def _markdown_heading(column: Column) -> str:
+    unit = "" if column.unit == Unit.none.value else f" ({_markdown_escape(column.unit)})"
+    return f"{_markdown_escape(column.title)}{unit}{' ↓' if column.ranked else ''}"
+
+
+_MARKDOWN = Markup(
+    escape=_markdown_escape,
+    heading=_markdown_heading,
+    bold=lambda text: f"**{text}**",
+    raised=lambda mark: f"<sup>{mark}</sup>",
+    interval=lambda number, low, high: f"{number} \\[{low}, {high}\\]",
+    indent="&emsp;",
 )

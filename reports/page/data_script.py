@@ -10,7 +10,6 @@ from urllib.parse import quote
 from harness.core.camera import Camera
 from harness.core.records import Record
 from reports.page.meshes import CompactMesh
-from reports.page.method_html import record_path
 from reports.page.model import TRUTH, BoardModel, PageModel, PageSubject
 from reports.tables.table import Table
 
@@ -34,6 +33,11 @@ def photos_path(subject: str) -> str:
 def thumbnail_path(subject: str) -> str:
     """Where a small frontal photo lies, relative to the page."""
     return f"photos/{subject}.webp"
+
+
+def record_path(record: Record) -> str:
+    """Where a record lies, relative to the page."""
+    return f"records/{record.method_name}/{record.subject}.json"
 
 
 def surface_script(subject: str, method: str, mesh: CompactMesh) -> str:

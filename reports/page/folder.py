@@ -31,10 +31,10 @@ from reports.page.document import (
     about_html,
     failures_section,
     page_html,
+    record_path,
     results_html,
 )
 from reports.page.meshes import COMPACT_VERSION, CompactMesh
-from reports.page.method_html import record_path
 from reports.page.model import BoardModel, PageModel, thumbnail, webp
 
 #: The page's own scripts in the order in which they are loaded; the data come after the first.

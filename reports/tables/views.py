@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from harness.core.metric_catalog import Unit
 from harness.core.records import Record
-from harness.core.units import Unit
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
 from reports.tables.table import Cell, Column, Interval, Row, Table
 

@@ -14,8 +14,8 @@ import pytest
 
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
+from harness.geometry.coinciding import concatenated, open_edges
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import concatenated, open_edges
 from methods.clothed import integrated
 from methods.normals import (
     NormalChoice,

@@ -24,7 +24,7 @@ from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.files.mesh_files import save_mesh
 from harness.geometry.surface import SurfaceIndex
-from harness.run.pair import score
+from harness.run.external_meshes import score
 from metrics.pair import EdgeIndex
 
 pytestmark = pytest.mark.nightly

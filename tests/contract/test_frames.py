@@ -20,9 +20,9 @@ from harness.core.rigs import RingRig
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
+from harness.run.cell_worker import SharedResults
 from harness.run.cost import StageMeter
 from harness.run.method_choice import ChosenMethod
-from harness.run.shared_results import SharedResults
 from methods.catalog import METHODS
 
 SMALL = {

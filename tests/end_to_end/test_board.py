@@ -11,8 +11,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from harness.board.compare import changes_markdown, compare_boards
-from harness.board.copying import MergedEntry, export_results, merge_entry
+from harness.board.copying import (
+    MergedEntry,
+    changes_markdown,
+    compare_boards,
+    export_results,
+    merge_entry,
+)
 from harness.board.entries import Entry, entries_in, versions
 from harness.board.page import write_board_page
 from harness.board.verify import Truths, Verification, verify_entry

@@ -19,8 +19,8 @@ from methods.body.pixie.network import PixieBody
 from methods.ifnet import network as ifnet
 from methods.ifnet.network import FEATURES, IfNet
 from methods.normals.econ.network import NormalGenerator
-from methods.normals.econ.part import FILES
 from methods.parts.conversion import bare, shapes_of
+from methods.parts.converted import FILES
 
 Numbers = dict[str, NDArray[np.float32]]
 _SEED = 0

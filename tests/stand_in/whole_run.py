@@ -30,7 +30,7 @@ from thuman_tree import SCANS, fit_bytes, write_subject
 from harness.core.arrays import Floats
 from harness.files.mesh_files import load_mesh
 from methods.normals.econ import network as convert
-from methods.normals.econ.part import ECON_NORMALS
+from methods.parts.converted import ECON_NORMALS
 from methods.parts.kind import ImportOptions
 
 #: Two scans of the paper's list stand for all; both are the same avatar, turned.

@@ -20,17 +20,23 @@ from harness.core.camera import Camera
 from harness.geometry.raycast import Hits
 from methods.body.fit.descent import Adam, Plateau
 from methods.body.fit.evidence import Evidence, Projector, length
-from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost
-from methods.body.fit.prior import ParameterPrior
-from methods.body.fit.silhouette import (
+from methods.body.fit.losses import (
     BodySurface,
+    NormalTarget,
     SilhouetteTarget,
+    Skin,
     Topology,
+    normal_cost,
     silhouette_cost,
     uncovered_cost,
     vertex_normals,
 )
-from methods.body.fit.weights import PUBLISHED_CONFIDENCE, PUBLISHED_LANDMARKS, Weights
+from methods.body.fit.weights import (
+    PUBLISHED_CONFIDENCE,
+    PUBLISHED_LANDMARKS,
+    ParameterPrior,
+    Weights,
+)
 from methods.body.models.model import LandmarkTable, Parameters, ParametricBody, Posed, box_middle
 from methods.body.photos.views import View, Views
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from methods.body.pixie.part import NETWORK, OUTPUTS
 from methods.parts.checkpoint_tensors import Checkpoint, Wanted, read_wanted
 from methods.parts.conversion import Graph, bare, filled, require_equal, shapes_of, write_onnx
+from methods.parts.converted import NETWORK, OUTPUTS
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, open_session
 from methods.parts.store import Examined
 
 _WIDTHS = (48, 96, 192, 384)

@@ -25,8 +25,8 @@ from harness.geometry.photo import open_photo
 from harness.geometry.window import Window
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.photos.views import View
-from methods.body.pixie.part import NETWORK, OUTPUTS, PIXIE
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.converted import NETWORK, OUTPUTS, PIXIE
+from methods.parts.onnx_networks import answers, open_session
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -17,8 +17,8 @@ from harness.core.arrays import Floats
 from harness.core.errors import MethodError
 from harness.core.protocols import EstimatedNormals, Part
 from harness.geometry.images import resampled, unit_normals
-from methods.normals.econ.part import ECON_NORMALS, FILES
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.converted import ECON_NORMALS, FILES
+from methods.parts.onnx_networks import answers, open_session
 
 #: The size that the networks were trained at; the subject fills 0.9 of it.
 SIDE_PX = 512

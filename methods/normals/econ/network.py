@@ -17,7 +17,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from methods.normals.econ.part import FILES
 from methods.parts.checkpoint_tensors import Checkpoint, Wanted, read_wanted
 from methods.parts.conversion import (
     Graph,
@@ -28,8 +27,9 @@ from methods.parts.conversion import (
     shapes_of,
     write_onnx,
 )
+from methods.parts.converted import FILES
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, open_session
 from methods.parts.store import Examined
 
 _HALVINGS, _BLOCKS = 4, 9

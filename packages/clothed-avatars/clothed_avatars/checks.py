@@ -8,7 +8,7 @@ from clothed_avatars.mesh.nearness import Nearness
 from clothed_avatars.mesh.quads import Floats, Ints
 from harness.core.errors import DataError
 from harness.core.rigs import RingRig
-from harness.geometry.topology import edges_of
+from harness.geometry.coinciding import edges_of
 
 _FRAME_PX = (1080, 1920)
 _HEIGHT_M = (1.45, 2.0)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.core.errors import DataError, HarnessError
-from methods.parts.onnx_files import read_network
+from methods.parts.onnx_networks import read_network
 from normal_training.learning.curve import Look
 from normal_training.learning.settings import NetworkPart
 

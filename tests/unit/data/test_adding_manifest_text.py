@@ -8,7 +8,7 @@ import pytest
 
 from harness.core.errors import DataError, HarnessError
 from harness.data.manifest import Dataset, load_manifest
-from harness.data.manifest_text import MARK, check_addable, with_dataset
+from harness.run.add_dataset import MARK, check_addable, with_dataset
 
 SHIPPED = (Path(__file__).parents[3] / "data_manifest.yaml").read_text()
 

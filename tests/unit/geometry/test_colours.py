@@ -13,11 +13,11 @@ from harness.core.camera import Camera, look_at
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
+from harness.geometry.coinciding import concatenated, edges_of, open_edges
 from harness.geometry.colouring import Colouring, coloured, finer, gains
 from harness.geometry.images import linear_from_srgb, srgb_from_linear
 from harness.geometry.photo import Photo
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import concatenated, edges_of, open_edges
 from tests.spheres import icosphere
 
 #: A pixel spans 4.5 mm of the subject.

@@ -1,6 +1,6 @@
 import numpy as np
 
-from harness.geometry.hull import hull_distance
+from harness.geometry.outline import hull_distance
 
 POINTS = np.random.default_rng(0).uniform(-1, 1, (500, 3))
 

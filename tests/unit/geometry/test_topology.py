@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from harness.core.mesh import Mesh
-from harness.geometry.topology import (
+from harness.geometry.coinciding import (
     components,
     concatenated,
     edges_of,

@@ -100,10 +100,10 @@ def test_the_key_changes_with_all_that_makes_the_pictures(recipe, scan):
 def test_only_the_renderer_in_use_is_counted(recipe, scan):
     raycast = CaptureInputs.of(scan, recipe, "CPU")
     blender = CaptureInputs.of(scan, replace(recipe, renderer="blender"), "CPU")
-    assert "renderers.blender.job" not in raycast.code
+    assert "renderers.blender.scene" not in raycast.code
     assert "bpy" not in raycast.packages
     # The worker is named by a string alone.
-    assert {"renderers.blender.job", "renderers.blender.worker"} < set(blender.code)
+    assert {"renderers.blender.scene", "renderers.blender.worker"} < set(blender.code)
     assert {"bpy", "numpy"} <= set(blender.packages)
     assert "renderers.raycast" not in blender.code
     assert "renderers.proof" not in blender.code, "it looks at pictures and makes none"

@@ -26,7 +26,7 @@ from clothed_avatars.mesh.quads import (
 from clothed_avatars.people.body import AvatarBody
 from clothed_avatars.people.landmarks import Heights, Places, heights, places, ramp, trunk_axis
 from harness.core.errors import DataError
-from harness.geometry.topology import pieces_of
+from harness.geometry.coinciding import pieces_of
 
 _LEVELS = 1
 _EASE_M = 0.010

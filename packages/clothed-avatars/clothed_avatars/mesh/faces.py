@@ -8,7 +8,7 @@ import numpy as np
 
 from harness.core.arrays import Ints
 from harness.core.errors import DataError
-from harness.geometry.topology import components, edges_of
+from harness.geometry.coinciding import components, edges_of
 
 
 def neighbours(faces: Ints) -> Ints:

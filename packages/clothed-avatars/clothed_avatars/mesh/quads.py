@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from harness.core.arrays import Floats, Ints, Mask
-from harness.geometry.topology import edges_of, half_edges
+from harness.geometry.coinciding import edges_of, half_edges
 
 SparseMatrix: TypeAlias = Any
 """A scipy.sparse matrix in CSR form; scipy does not type it."""

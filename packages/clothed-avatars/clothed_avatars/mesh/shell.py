@@ -18,7 +18,7 @@ from clothed_avatars.mesh.nearness import Nearness
 from clothed_avatars.mesh.quads import Floats, Ints
 from harness.core.arrays import Ints32
 from harness.core.errors import DataError
-from harness.geometry.topology import components, edges_of
+from harness.geometry.coinciding import components, edges_of
 
 _COARSE = 2
 _PAD_M = 0.06

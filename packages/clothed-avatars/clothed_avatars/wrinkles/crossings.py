@@ -8,7 +8,7 @@ import numpy as np
 
 from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix, triangles
 from harness.core.arrays import Mask
-from harness.geometry.topology import edges_of
+from harness.geometry.coinciding import edges_of
 
 _END = 0.02
 """Share of an edge's length at either end that does not count: its neighbours touch it there."""

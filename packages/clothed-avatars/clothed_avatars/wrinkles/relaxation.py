@@ -14,7 +14,7 @@ import numpy as np
 from clothed_avatars.mesh.nearness import Nearness
 from clothed_avatars.mesh.quads import Floats, Ints, SparseMatrix, neighbour_means
 from harness.core.arrays import Mask
-from harness.geometry.topology import edges_of
+from harness.geometry.coinciding import edges_of
 
 _STEP = 0.45
 _MOMENTUM = 0.85

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.core.errors import DataError
-from harness.core.files.reach import inside, named_path
+from harness.core.files.names import inside, named_path
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.camera import Camera, look_at
-from methods.body.fit import landmark_fit, least_squares
+from methods.body.fit import landmark_fit
 
 
 def _sphere(radius: float = 0.5, rings: int = 48) -> tuple[np.ndarray, np.ndarray]:
@@ -177,5 +177,5 @@ def quick_landmarks(monkeypatch):
     Eight views and one view are fitted to the end in tests of their own. Not together with
     ``shared_fits``, which knows nothing of it.
     """
-    monkeypatch.setattr(least_squares, "_SETTLED", 1e-4)
+    monkeypatch.setattr(landmark_fit, "_SETTLED", 1e-4)
     monkeypatch.setattr(landmark_fit, "_JOINT_STEPS", 75)

@@ -15,16 +15,16 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context, Privilege
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
+from harness.run.cell_worker import SharedResults
 from harness.run.cost import StageMeter
-from harness.run.shared_results import SharedResults
 from methods import body_fit
 from methods.body.fit.jmbo import _first_and_kept
 from methods.body.photos import detection
 from methods.body.photos.detection import detect
 from methods.body.photos.views import load_views
+from methods.body.settings import JMBO, JMBO_PLUS
 from methods.body_fit import BodyFit, body_average, body_front, jmbo8, jmbo8_plus
 from methods.estimated_normals import EstimatedNormals
-from methods.fit_settings import JMBO, JMBO_PLUS
 from methods.normals import NormalChoice
 from methods.normals.installed import OPEN_NETWORK, named
 

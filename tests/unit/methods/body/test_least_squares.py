@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from methods.body.fit.least_squares import Residuals, minimum
+from methods.body.fit.landmark_fit import Residuals, minimum
 
 
 class Valley:

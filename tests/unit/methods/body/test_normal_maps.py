@@ -8,8 +8,15 @@ import torch
 
 from harness.geometry.surface import vertex_normals as reference_normals
 from methods.body.fit.evidence import Projector
-from methods.body.fit.normal_maps import NormalTarget, Skin, normal_cost, seen_normals
-from methods.body.fit.silhouette import BodySurface, Topology, vertex_normals
+from methods.body.fit.losses import (
+    BodySurface,
+    NormalTarget,
+    Skin,
+    Topology,
+    normal_cost,
+    seen_normals,
+    vertex_normals,
+)
 
 
 def skin_of(vertices, faces):

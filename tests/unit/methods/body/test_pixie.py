@@ -15,11 +15,11 @@ from methods.body.pixie import network
 from methods.body.pixie import network as convert
 from methods.body.pixie import start as decode
 from methods.body.pixie.network import PixieBody
-from methods.body.pixie.part import NETWORK, OUTPUTS, PIXIE
 from methods.body.pixie.start import decoded, six_to_matrices
 from methods.parts.conversion import bare, filled, shapes_of
+from methods.parts.converted import NETWORK, OUTPUTS, PIXIE
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, open_session
 
 #: The vectors' own rounding is 7e-7 and 3e-6; the least mistake moves them by 1.6e-3.
 RAW, TURNS = 1e-5, 2e-5

@@ -22,7 +22,6 @@ from methods.body.models.smplx_part import SMPLX, named_model
 from methods.body.photos.views import View
 from methods.body.pixie import network as convert
 from methods.body.pixie import start
-from methods.body.pixie.part import NETWORK, OUTPUTS, PIXIE
 from methods.body.pixie.start import (
     _MIRRORED,
     crop_window,
@@ -32,8 +31,9 @@ from methods.body.pixie.start import (
     seen_by,
 )
 from methods.body.settings import FitSettings
+from methods.parts.converted import NETWORK, OUTPUTS, PIXIE
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import open_session
+from methods.parts.onnx_networks import open_session
 from methods.parts.store import Examined
 
 onnx = pytest.importorskip("onnx")

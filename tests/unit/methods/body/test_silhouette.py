@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from methods.body.fit.evidence import Projector
-from methods.body.fit.silhouette import (
+from methods.body.fit.losses import (
     BodySurface,
     SilhouetteTarget,
     Topology,

@@ -9,8 +9,8 @@ import pytest
 
 from harness.core.artifacts import Body, BodyLandmarks
 from harness.core.errors import DataError
+from methods.body.fitting import packed, unpacked
 from methods.body.settings import BodyFitResult, FitCost
-from methods.body.stored_fit import packed, unpacked
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from harness.core.arrays import Floats
 from harness.core.camera import Camera, look_at
 from harness.core.mesh import Mesh
-from harness.geometry.hull import isosurface
+from harness.geometry.outline import isosurface
 from harness.geometry.raycast import Raycaster
 from methods.body.photos.detection import Detections
 from methods.cameras.values import PhotoView

@@ -11,12 +11,12 @@ import pytest
 from harness.core.errors import MissingPart
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
-from harness.geometry.topology import open_edges
+from harness.geometry.coinciding import open_edges
 from methods.ifnet import network as convert
 from methods.ifnet.completion import Occupancy, completed_by_network, ifnet_part, smoothed
 from methods.ifnet.network import IfNet
-from methods.ifnet.part import IFNET
 from methods.parts.conversion import bare, shapes_of
+from methods.parts.converted import IFNET
 from methods.parts.kind import ImportOptions
 
 SIDE = 64

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import MethodError
-from harness.geometry.topology import open_edges
+from harness.geometry.coinciding import open_edges
 from methods.ifnet.completion import contoured_field, refined
 
 CENTRE, RADIUS = np.array([0.11, -0.2, 0.07]), 0.55

@@ -14,11 +14,11 @@ from harness.core.errors import DataError
 from methods.ifnet import network
 from methods.ifnet import network as convert
 from methods.ifnet.network import IfNet
-from methods.ifnet.part import DECODER, ENCODER, IFNET
 from methods.parts import conversion as torch_layers
 from methods.parts.conversion import bare, filled, shapes_of
+from methods.parts.converted import DECODER, ENCODER, IFNET
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, open_session
 
 #: The vectors' own rounding is 1.1e-3; the least mistake below moves them by 9e-3.
 GOLDEN = 2e-3

@@ -16,8 +16,8 @@ from methods.normals import NormalChoice, view_maps, working_view
 from methods.normals.econ import network as convert
 from methods.normals.econ.estimator import BACKGROUND, SIDE_PX, econ_normals
 from methods.normals.econ.network import NormalGenerator
-from methods.normals.econ.part import ECON_NORMALS, FILES
 from methods.parts.conversion import bare, shapes_of
+from methods.parts.converted import ECON_NORMALS, FILES
 from methods.parts.kind import ImportOptions
 from methods.parts.store import Examined
 

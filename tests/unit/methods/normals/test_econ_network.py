@@ -13,11 +13,11 @@ from torch import nn
 from harness.core.errors import DataError
 from methods.normals.econ import network as convert
 from methods.normals.econ.network import NormalGenerator
-from methods.normals.econ.part import FILES
 from methods.parts import conversion as torch_layers
 from methods.parts.conversion import bare, filled, shapes_of
+from methods.parts.converted import FILES
 from methods.parts.kind import ImportOptions
-from methods.parts.onnx_session import answers, open_session
+from methods.parts.onnx_networks import answers, open_session
 
 #: The vectors' own rounding is 2.1e-3; the least mistake moves them by 0.19.
 GOLDEN = 5e-3

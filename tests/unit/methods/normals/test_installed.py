@@ -13,7 +13,7 @@ from harness.core.files.hashing import file_sha256
 from methods.normals import installed
 from methods.normals.estimators import NormalChoice
 from methods.normals.onnx_estimator import OnnxNormals
-from methods.parts.onnx_files import read_network
+from methods.parts.onnx_networks import read_network
 
 
 @pytest.fixture

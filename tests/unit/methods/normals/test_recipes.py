@@ -10,8 +10,7 @@ import pytest
 from harness.core.errors import DataError, HarnessError
 from harness.geometry.raycast import Raycaster
 from methods.normals import NormalChoice, working_view
-from methods.normals.estimators import NETWORKS
-from methods.normals.recipes import RECIPES, prepared
+from methods.normals.estimators import NETWORKS, RECIPES, prepared
 from methods.parts.kind import ImportOptions
 
 onnx = pytest.importorskip("onnx")

@@ -8,8 +8,8 @@ import pytest
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
+from harness.geometry.coinciding import open_edges
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import open_edges
 from methods.closed.lattices import Lattice, winding
 from methods.closed.surfaces import Surface
 from methods.nview.fusion import fused_surface, moved_once

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from harness.geometry.topology import open_edges
+from harness.geometry.coinciding import open_edges
 from methods.closed.lattices import contoured, lattice_around
 from methods.photo_pull.dents import hollows_of
 from tests.spheres import icosphere

@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.topology import concatenated, open_edges
+from harness.geometry.coinciding import concatenated, open_edges
 from methods.closed.lattices import (
     Lattice,
     contoured,

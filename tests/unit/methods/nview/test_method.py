@@ -13,9 +13,9 @@ from harness.core.errors import HarnessError, MethodError
 from harness.core.mesh import Mesh
 from harness.core.protocols import Context, Privilege
 from harness.core.rigs import RingRig
+from harness.geometry.coinciding import open_edges
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import open_edges
 from methods.nview.method import FusedMethod, _Person, mexecon_plus
 from methods.nview.views import even_choice
 from tests.unit.methods.stereo.conftest import grain, picture

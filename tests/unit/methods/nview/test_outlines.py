@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.camera import Camera, look_at
 from harness.core.errors import MethodError
-from methods.closed.outlines import signed_outline
+from methods.closed.surfaces import signed_outline
 
 FOCAL, DISTANCE = 400.0, 2.0
 

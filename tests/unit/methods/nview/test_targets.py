@@ -9,7 +9,7 @@ from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
 from harness.core.settings import overridden
-from harness.geometry.topology import concatenated
+from harness.geometry.coinciding import concatenated
 from methods.closed.surfaces import Surface
 from methods.nview.settings import FusionSettings
 from methods.nview.system import fused_targets, sightings, trust

@@ -7,7 +7,7 @@ from torch import nn
 
 from harness.core.errors import DataError, HarnessError, MissingPart
 from harness.geometry.images import save_png
-from harness.run.pair import score_views
+from harness.run.external_meshes import score_views
 from methods.parts.kind import ImportOptions
 from methods.perceptual import LPIPS, perceptual_distance
 

@@ -9,10 +9,10 @@ from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.rigs import RingRig
+from harness.geometry.coinciding import open_edges, pieces_of
 from harness.geometry.outline import Outline
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.geometry.topology import open_edges, pieces_of
 from methods.points.cloud import OrientedPoints
 from methods.points.filtering import (
     KeepSettings,

@@ -17,11 +17,11 @@ from harness.core.mesh import Mesh
 from harness.core.protocols import Context, MethodInfo, Privilege
 from harness.core.results import DepthMaps, Gaussians, PhotoFrame, PointCloud, Unmeshed, ViewDepth
 from harness.files.point_files import load_points
+from harness.geometry.coinciding import open_edges
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.similarity import Similarity
-from harness.geometry.topology import open_edges
-from harness.run.pair import score
+from harness.run.external_meshes import score
 from methods.points.clouds import outward_normals
 from methods.points.filtering import MeshSettings
 from methods.points.splats import cameras_around, directions, rendered_depth

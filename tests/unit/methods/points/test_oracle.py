@@ -9,8 +9,8 @@ import pytest
 
 from harness.core.errors import HarnessError, MethodError
 from harness.core.protocols import Privilege
+from harness.geometry.coinciding import open_edges
 from harness.geometry.surface import SurfaceIndex
-from harness.geometry.topology import open_edges
 from methods.from_points.oracle8 import RenderedDepth, oracle8_points
 from methods.points.surfacing import reconstructed
 from metrics.cameras import camera_errors

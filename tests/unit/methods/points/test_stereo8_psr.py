@@ -10,11 +10,11 @@ import pytest
 from harness.core.artifacts import Capture, image_name
 from harness.core.errors import HarnessError
 from harness.core.protocols import Context
+from harness.geometry.coinciding import open_edges
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from harness.geometry.topology import open_edges
+from harness.run.cell_worker import SharedResults
 from harness.run.cost import StageMeter
-from harness.run.shared_results import SharedResults
 from methods.from_points.stereo8_psr import stereo8_psr
 from methods.stereo import surface
 from methods.stereo8 import stereo8

@@ -13,9 +13,8 @@ from harness.geometry.photo import open_photo
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
 from harness.run.method_choice import chosen_methods
-from methods.foreign.recipes import RecipeMethod
+from methods.foreign.recipes import RecipeMethod, da3_8, mapanything8, pi3_8
 from methods.points.surfacing import reconstructed
-from methods.recipes import da3_8, mapanything8, pi3_8
 from tests.unit.methods.points.conftest import ball, capture, context  # noqa: F401
 from tests.unit.methods.recipes.conftest import exchange, installed, python_with
 

@@ -18,8 +18,8 @@ from harness.geometry.similarity import Similarity
 from harness.geometry.surface import SurfaceIndex
 from harness.run.method_choice import ChosenMethod, catalogued_methods, chosen_methods
 from methods.foreign import recipes
+from methods.foreign.recipes import vggt2, vggt8
 from methods.points.surfacing import reconstructed
-from methods.recipes import vggt2, vggt8
 from tests.unit.methods.points.conftest import ball, capture, context  # noqa: F401
 from tests.unit.methods.recipes.conftest import (
     decoded_cameras,

@@ -16,17 +16,16 @@ from harness.core.protocols import Context, MethodInfo, Part, Privilege
 from harness.core.rigs import RingRig
 from harness.files.mesh_files import load_mesh
 from harness.geometry import images
+from harness.geometry.coinciding import concatenated, open_edges
 from harness.geometry.images import load_rgb, save_png
 from harness.geometry.raycast import Raycaster
 from harness.geometry.surface import SurfaceIndex
-from harness.geometry.topology import concatenated, open_edges
 from methods import clothed
 from methods.body.photos import detection
 from methods.body.photos.views import load_views
-from methods.body.settings import BodyFitResult
+from methods.body.settings import JMBO, BodyFitResult
 from methods.body_fit import BodyFit
 from methods.clothed import ClothedMethod
-from methods.fit_settings import JMBO
 from methods.hull import hull8
 from methods.mexecon import econ, mexecon2, mexecon8, mexecon_plus_two_sheets, oracle8
 from reports.figures.panels import photo

@@ -7,7 +7,7 @@ import pytest
 
 from harness.core.errors import DataError, MethodError
 from harness.core.mesh import Mesh
-from harness.geometry.topology import concatenated, open_edges
+from harness.geometry.coinciding import concatenated, open_edges
 from methods.surface import fusion
 from methods.surface.fusion import FusionParameters, fused
 

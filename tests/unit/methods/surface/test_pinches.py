@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from harness.geometry.topology import largest_piece, open_edges
+from harness.geometry.coinciding import largest_piece, open_edges
 from methods.surface.fusion import one_piece, without_pinches
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from harness.core.mesh import Mesh
-from harness.geometry.topology import concatenated
+from harness.geometry.coinciding import concatenated
 from metrics.photos import self_intersecting, soundness
 
 

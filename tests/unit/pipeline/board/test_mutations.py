@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.board.compare import changes_markdown, compare_boards
+from harness.board.copying import changes_markdown, compare_boards
 from harness.board.page import write_board_page
-from harness.core.errors import DataError, HarnessError
+from harness.core.errors import DataError, HarnessError, is_plain
 from harness.core.files.atomic import parsed_json
-from harness.core.plain_text import is_plain
 from harness.core.records import EDITED, Record
 from harness.report.tables import FORMATS, TABLES, ReportRequest, build_table
 from tests.mutations import mutated

@@ -9,7 +9,7 @@ import pytest
 
 from harness.board.conform_trial import frame_checks
 from harness.core.mesh import Mesh
-from harness.geometry.topology import concatenated
+from harness.geometry.coinciding import concatenated
 from tests.spheres import icosphere
 
 

@@ -21,22 +21,29 @@ from harness.cli.options import ExecutorName, Where
 from harness.core.errors import DataError, HarnessError, MissingPart, error_values, found_error
 from harness.core.typed_json import from_json, to_json
 from harness.data.manifest import load_manifest
-from harness.run import resources as extras
-from harness.run import resources as grants
 from harness.run import slurm
 from harness.run import task as machine
+from harness.run import task as tasks
 from harness.run.captures import render_all
-from harness.run.evaluate import evaluate
+from harness.run.evaluate import RunOfTasks, evaluate
 from harness.run.method_choice import chosen_methods
 from harness.run.plan import EvalRequest, RequestJob, plan
 from harness.run.progress import Progress, Silent
 from harness.run.ray_cluster import RayCluster
-from harness.run.resources import Grant, granted
 from harness.run.slurm import Element, Slurm, carry_out_element
 from harness.run.sources import Source
 from harness.run.store import RunStore
-from harness.run.task import Answer, Errand, Local, Task, carry_out_here, groups, machine_facts
-from harness.run.tasks import RunOfTasks
+from harness.run.task import (
+    Answer,
+    Errand,
+    Grant,
+    Local,
+    Task,
+    carry_out_here,
+    granted,
+    groups,
+    machine_facts,
+)
 from harness.run.workspace import Workspace
 
 ROOT = Path(__file__).parents[4]
@@ -68,7 +75,7 @@ def environment(values: object, before: object, progress: object) -> dict[str, o
 @pytest.fixture(autouse=True)
 def no_other_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Tasks of others on this machine, which hold cores, are not seen."""
-    monkeypatch.setattr(grants.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tasks.tempfile, "tempdir", str(tmp_path))
 
 
 @pytest.fixture(autouse=True)
@@ -184,7 +191,7 @@ def test_a_grant_is_of_something(values: Sequence[float]) -> None:
 def test_a_missing_package_is_one_sentence_with_the_command(
     monkeypatch: pytest.MonkeyPatch, executor: RayCluster | Slurm, package: str, extra: str
 ) -> None:
-    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(tasks.importlib.util, "find_spec", lambda name: None)
 
     with pytest.raises(MissingPart) as raised:
         executor.carry_out([task("a")], Silent(), lambda each: None)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from harness.cli.main import app
+from harness.cli.methods import markdown_pages, text_page
 from harness.core.protocols import Deviation, MethodInfo, Privilege
-from harness.report.method_pages import markdown_pages, text_page
 from harness.run.method_choice import catalogued_methods
 from methods.catalog import METHODS
 

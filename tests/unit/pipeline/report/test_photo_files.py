@@ -21,9 +21,15 @@ from harness.data.manifest import load_manifest
 from harness.files.mesh_files import save_mesh
 from harness.geometry.images import save_png
 from harness.geometry.raycast import Raycaster
-from harness.report import photo_tables as photo_files
-from harness.report.photo_tables import PHOTOS_FILE, PhotoFiles, PhotoReport, build_photo_table
-from harness.report.tables import FORMATS, ReportRequest
+from harness.report import tables as photo_files
+from harness.report.tables import (
+    FORMATS,
+    PHOTOS_FILE,
+    PhotoFiles,
+    PhotoReport,
+    ReportRequest,
+    build_photo_table,
+)
 from harness.run.progress import Silent
 from harness.run.store import RunStore
 from harness.run.workspace import Workspace

@@ -24,7 +24,7 @@ from harness.report.tables import (
     write_tables,
 )
 from harness.run.store import RunStore
-from reports.tables.cameras import CAMERA_METRICS
+from reports.tables.geometry import CAMERA_METRICS
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 HEAD = RegionErrors(

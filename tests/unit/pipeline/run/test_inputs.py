@@ -26,7 +26,7 @@ HULL = "methods.hull"
 WITHOUT_BODY = (
     HULL,
     "methods.gt",
-    "methods.recipes",
+    "methods.foreign.recipes",
     "methods.from_points.oracle8",
 )
 INFO = MethodInfo(
@@ -131,7 +131,7 @@ CHANGES = [
 @pytest.mark.parametrize(("told", "change"), CHANGES, ids=[told for told, _ in CHANGES])
 def test_every_input_changes_the_key_and_is_told(told: str, change: dict) -> None:
     def inputs(info=INFO, capture=CAPTURE, scan=SCAN, protocol=PROTOCOL, seed=0):
-        return evaluated(info, HULL, capture, scan, protocol, seed)
+        return evaluated(info, method_code(HULL, info.privileges), capture, scan, protocol, seed)
 
     before, now = inputs(), inputs(**change)
 
@@ -143,7 +143,8 @@ def test_every_input_changes_the_key_and_is_told(told: str, change: dict) -> Non
 
 def test_words_for_readers_do_not_change_the_key() -> None:
     other = replace(INFO, title="Another title")
-    keys = {evaluated(info, HULL, CAPTURE, SCAN, PROTOCOL, 0).key for info in (INFO, other)}
+    code = method_code(HULL, INFO.privileges)
+    keys = {evaluated(info, code, CAPTURE, SCAN, PROTOCOL, 0).key for info in (INFO, other)}
     assert len(keys) == 1
 
 
@@ -152,7 +153,7 @@ def test_a_package_that_computes_is_in_the_key_and_another_is_not(
 ) -> None:
     def inputs():
         source_digest._distributions.cache_clear()
-        return evaluated(INFO, HULL, CAPTURE, SCAN, PROTOCOL, 0)
+        return evaluated(INFO, method_code(HULL, INFO.privileges), CAPTURE, SCAN, PROTOCOL, 0)
 
     version = metadata.version
     before = inputs()

@@ -18,8 +18,7 @@ from harness.core.typed_json import to_json
 from harness.data.manifest import Dataset
 from harness.files.mesh_files import save_mesh
 from harness.run.cell import Truth, scores_of
-from harness.run.external_meshes import FolderRequest, score_folder
-from harness.run.pair import score
+from harness.run.external_meshes import FolderRequest, score, score_folder
 from harness.run.progress import Silent
 from harness.run.sources import ScanSet
 from harness.run.store import RunStore

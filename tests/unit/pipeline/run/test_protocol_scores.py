@@ -39,7 +39,7 @@ from harness.run.sources import ScanSet
 from harness.run.store import RunStore
 from methods.body.models.anny_body import AnnyBody
 from metrics.body import BODY_PROTOCOLS
-from reports.figures.view_curves import rank_curves
+from reports.figures.charts import rank_curves
 from reports.tables.geometry import geometry_table
 from tests.spheres import icosphere
 

@@ -8,7 +8,7 @@ import pytest
 from harness.core.mesh import Mesh
 from harness.core.settings import MetricProtocol
 from harness.files.mesh_files import save_mesh
-from harness.run.pair import score
+from harness.run.external_meshes import score
 
 SPLIT = MetricProtocol("mexecon", 2, 3000, "independent", "sample-to-sample", texture_seams="split")
 

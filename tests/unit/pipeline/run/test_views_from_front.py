@@ -18,7 +18,7 @@ from harness.run import cell_worker
 from harness.run.cell import scores_of
 from harness.run.cell_job import CellJob
 from harness.run.method_choice import ChosenMethod
-from harness.run.record_inputs import evaluated
+from harness.run.record_inputs import evaluated, method_code
 from harness.run.sources import Source
 from harness.run.view_choice import as_given
 from harness.run.workspace import Workspace
@@ -79,7 +79,8 @@ def carried_out(witness, filed, world, monkeypatch) -> dict:
     monkeypatch.setattr(ChosenMethod, "of", lambda *_, **__: chosen)
     protocol = manifest.protocol("exact")
     info = as_given(witness.info, filed)
-    inputs = evaluated(info, "methods.gt", filed, source.locate("t1"), protocol, 0)
+    code = method_code("methods.gt", info.privileges)
+    inputs = evaluated(info, code, filed, source.locate("t1"), protocol, 0)
     cell = world / "cell"
     cell.mkdir()
     job = CellJob(source.only("t1"), chosen.ref, protocol.name, 0, inputs, cell, keep=False)

@@ -12,9 +12,9 @@ import pytest
 from harness.core.artifacts import StageCost
 from harness.core.errors import MethodError
 from harness.core.process.shared_work import Work, alone
-from harness.run import shared_results
+from harness.run import cell_worker
+from harness.run.cell_worker import SharedResults
 from harness.run.cost import StageMeter
-from harness.run.shared_results import SharedResults
 
 VALUES = np.array([0.1, 1 / 3, np.pi])
 
@@ -34,7 +34,7 @@ def work(made):
 
     return Work(
         name="some thirds",
-        module="harness.core.units",
+        module="harness.core.metric_catalog",
         inputs={"photo": "a"},
         make=make,
         packed=lambda values: {"values": values},
@@ -77,13 +77,13 @@ def test_other_work_is_made_for_itself(work, share, made, change):
 def test_other_code_makes_it_anew(work, share, made, monkeypatch):
     share()(work)
     monkeypatch.setattr(
-        shared_results, "_code", lambda module: replace(KNOWN(module), packages={"numpy": "0"})
+        cell_worker, "_code", lambda module: replace(KNOWN(module), packages={"numpy": "0"})
     )
     share()(work)
     assert len(made) == 2
 
 
-KNOWN = shared_results._code
+KNOWN = cell_worker._code
 
 
 def test_whoever_takes_it_is_charged_what_it_cost(work, share):

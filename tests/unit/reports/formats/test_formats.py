@@ -11,7 +11,7 @@ from statistics import fmean
 import pytest
 
 from harness.run.store import RunStore
-from reports.formats.markdown import to_markdown
+from reports.formats.latex import to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.cost import cost_table
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table

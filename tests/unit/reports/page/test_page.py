@@ -11,8 +11,8 @@ import pytest
 
 from harness.core.errors import HarnessError
 from reports.page import folder as folder_module
+from reports.page.document import failures_html
 from reports.page.folder import MARK_FILE, page_folder
-from reports.page.method_html import failures_html
 from reports.tables.geometry import geometry_table
 from tests.unit.reports.page.pages import RECORDS, SHOWN, compact, write_page
 

@@ -25,8 +25,7 @@ from reports.regression.baseline import (
     inputs_of,
     update,
 )
-from reports.regression.compare import compare, to_markdown, to_text
-from reports.regression.spread import with_spread
+from reports.regression.compare import compare, to_markdown, to_text, with_spread
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 HULL = [record for record in RECORDS if record.method_name == "hull8"]

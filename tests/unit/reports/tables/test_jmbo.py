@@ -10,7 +10,7 @@ from harness.core.errors import ProtocolMismatch
 from harness.core.protocols import Part
 from harness.core.records import MetricValue
 from harness.run.store import RunStore
-from reports.formats.markdown import to_markdown
+from reports.formats.latex import to_markdown
 from reports.formats.programs import to_json
 from reports.tables.jmbo import BODY_METRICS, jmbo_table
 

@@ -12,8 +12,7 @@ from harness.core.errors import DataError
 from harness.core.protocols import Part
 from harness.core.records import AngularErrors, AngularPair, FoldErrors, NormalMapErrors
 from harness.run.store import RunStore
-from reports.formats.latex import to_latex
-from reports.formats.markdown import to_markdown
+from reports.formats.latex import to_latex, to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.normals import headline, normals_table
 

@@ -12,8 +12,7 @@ from clothed_avatars.clothes import wardrobe
 from clothed_avatars.skin.bake import _REGIONS
 from harness.core.records import RegionErrors
 from harness.run.store import RunStore
-from reports.formats.latex import to_latex
-from reports.formats.markdown import to_markdown
+from reports.formats.latex import to_latex, to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.regions import REGION_GROUPS, regions_table
 

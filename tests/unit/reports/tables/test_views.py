@@ -11,8 +11,8 @@ from PIL import Image
 
 from harness.core.errors import HarnessError
 from harness.run.store import RunStore
-from reports.figures.view_curves import view_curves
-from reports.formats.markdown import to_markdown
+from reports.figures.charts import view_curves
+from reports.formats.latex import to_markdown
 from reports.statistics import bootstrap_ends
 from reports.tables.views import view_series, views_table
 

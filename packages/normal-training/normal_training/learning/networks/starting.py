@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from harness.core.errors import DataError
-from methods.parts.onnx_files import read_network
+from methods.parts.onnx_networks import read_network
 from normal_training.learning.networks.network import Block, NormalNetwork
 
 #: How the network of the whole picture is called within the one that is exported, alone and before
