@@ -165,7 +165,9 @@ def test_a_third_partys_own_package_is_followed(
     theirs = tmp_path / "their_package_of_methods"
     theirs.mkdir()
     (theirs / "__init__.py").write_text("raise RuntimeError('nothing is imported')\n")
-    (theirs / "method.py").write_text("from harness.core import metric_catalog\nfrom . import part\n")
+    (theirs / "method.py").write_text(
+        "from harness.core import metric_catalog\nfrom . import part\n"
+    )
     (theirs / "part.py").write_text("import scipy\n")
     monkeypatch.syspath_prepend(str(tmp_path))
 

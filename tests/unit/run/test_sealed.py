@@ -23,7 +23,7 @@ from harness.run.sources import Source
 from harness.run.store import RunStore
 from harness.run.workspace import Workspace
 
-SHIPPED = Path(__file__).resolve().parents[4] / "data_manifest.yaml"
+SHIPPED = Path(__file__).resolve().parents[3] / "data_manifest.yaml"
 SEALED = "avatars-sealed"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from harness.core.records import Record
 from harness.run.store import RunStore
 
-RUN = Path(__file__).parents[3] / "golden" / "run"
+RUN = Path(__file__).parents[2] / "golden" / "run"
 RECORDS: dict[str, tuple[Record, ...]] = {
     name: tuple(record for record in RunStore(RUN).records() if record.method_name == name)
     for name in ("hull8", "mexecon", "vggt", "gt")

@@ -12,7 +12,7 @@ from harness.data.field_sets import field_names, field_set
 from harness.data.manifest import load_manifest
 from harness.data.subjects import load_subject
 from tests.stand_in.field_trees import TREES, dress, put_pickle, renderpeople, x_humans
-from tests.unit.pipeline.adding.test_adding import harness, place
+from tests.unit.run.test_adding import harness, place
 
 __all__ = ["place"]
 

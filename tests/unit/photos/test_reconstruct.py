@@ -27,7 +27,7 @@ from harness.run.progress import Silent
 from harness.run.sources import imported_capture, imported_subjects, name_for
 from harness.run.store import PHOTOS_RUN, RunStore
 from harness.run.workspace import Workspace
-from tests.unit.pipeline.importing.conftest import photographed
+from tests.unit.photos.conftest import photographed
 
 
 def photo_of_a_box(path: Path, exif=None) -> Path:

@@ -14,7 +14,7 @@ from harness.core.files.atomic import parsed_json
 from harness.core.records import EDITED, Record
 from harness.report.tables import FORMATS, TABLES, ReportRequest, build_table
 from tests.mutations import mutated
-from tests.unit.pipeline.board.boards import RECORDS, put
+from tests.unit.board.boards import RECORDS, put
 
 #: Through the reader and the tables, and through pages and comparisons as well.
 READ, SHOWN = 500, 20

@@ -11,7 +11,7 @@ from harness.core.errors import DataError
 from harness.report.tables import ReportRequest, build_table
 from harness.run.frames import read_record_file, write_record_file
 from harness.run.store import RunStore
-from tests.unit.pipeline.board.boards import RECORDS, RUN
+from tests.unit.board.boards import RECORDS, RUN
 
 ALL = [record for records in RECORDS.values() for record in records]
 

@@ -34,7 +34,7 @@ from harness.run.progress import Silent
 from harness.run.store import RunStore
 from harness.run.workspace import Workspace
 
-GOLDEN = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
+GOLDEN = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
 TEMPLATE = next(r for r in GOLDEN if r.method_name == "hull8" and r.status == "ok")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness.board.copying import changed_entries, changes_markdown, compare_boards
-from tests.unit.pipeline.board.boards import RECORDS, put, shifted
+from tests.unit.board.boards import RECORDS, put, shifted
 
 HULL = RECORDS["hull8"]
 

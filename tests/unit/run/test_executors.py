@@ -46,7 +46,7 @@ from harness.run.task import (
 )
 from harness.run.workspace import Workspace
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 CORES = len(os.sched_getaffinity(0))
 
 

@@ -30,7 +30,7 @@ from harness.photos.world import parsed_axis, quarters_upright, up_of_cameras, u
 from harness.run.view_choice import as_given, views_for
 from methods.hull import HullSettings, VisualHull
 from tests.unit.data.test_capture_files import save_turned, stored_as
-from tests.unit.pipeline.importing.conftest import photographed
+from tests.unit.photos.conftest import photographed
 
 #: The front is -Y where the world has +Z up, and +Z where it has +Y up, as COLMAP's files here.
 FRONT = {"colmap-binary": "+z", "colmap-text": "+z", "nerfstudio": "-y", "published": "-y"}
@@ -131,7 +131,7 @@ def test_scale_up_front_and_origin_are_found(native, tmp_path):
 
 
 def person_height():
-    from tests.unit.pipeline.importing.conftest import PARTS
+    from tests.unit.photos.conftest import PARTS
 
     return (
         min(centre[1] - radii[1] for centre, radii in PARTS),

@@ -19,7 +19,7 @@ from harness.run.sources import ScanSet
 from harness.run.store import RunStore
 from reports.tables.geometry import geometry_table
 
-GOLDEN = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
+GOLDEN = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
 PROTOCOL = MetricProtocol("exact", 1, 2000, "stratified", "point-to-surface")
 
 

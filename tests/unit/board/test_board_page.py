@@ -13,7 +13,7 @@ import pytest
 from harness.board.page import write_board_page
 from harness.core.errors import HarnessError
 from harness.core.records import Record
-from tests.unit.pipeline.board.boards import RECORDS, put, shifted
+from tests.unit.board.boards import RECORDS, put, shifted
 from tests.unit.reports.page.chromium import Page, browser, find_chromium
 
 HULL, MEXECON = RECORDS["hull8"], RECORDS["mexecon"]

@@ -13,7 +13,7 @@ from harness.core.protocols import Deviation, MethodInfo, Privilege
 from harness.run.method_choice import catalogued_methods
 from methods.catalog import METHODS
 
-DOCS = Path(__file__).parents[4] / "docs" / "methods.md"
+DOCS = Path(__file__).parents[3] / "docs" / "methods.md"
 
 
 def told(*arguments: str) -> str:

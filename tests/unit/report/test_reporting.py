@@ -26,7 +26,7 @@ from harness.report.tables import (
 from harness.run.store import RunStore
 from reports.tables.geometry import CAMERA_METRICS
 
-RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
+RECORDS = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
 HEAD = RegionErrors(
     area_share=0.2,
     accuracy_mm=3.0,
