@@ -8,10 +8,17 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.errors import MethodError
-from methods.cameras.adjustment import Rig, Solved
+from methods.cameras.adjustment import Rig, Rows, Solved
 from methods.cameras.landmarks import landmark_spans
-from methods.cameras.matches import LEAST_MATCHES, Matches, contradiction_m, met, photo_pairs
-from methods.cameras.search import upright
+from methods.cameras.matches import (
+    LEAST_MATCHES,
+    Matches,
+    MatchRows,
+    contradiction_m,
+    met,
+    photo_pairs,
+)
+from methods.cameras.search import upright, upright_line
 
 #: Views that leave more than this unseen cannot be trusted; photos further apart are not matched.
 _MOST_GAP_DEG, _MATCHED_DEG = 110.0, 65.0
@@ -20,6 +27,10 @@ _PLENTY = 4 * LEAST_MATCHES
 #: Matches that were held out lie this far from their epipolar lines at most, in the median, metres
 #: at the subject; and two pairs of photos contradict each other by this much.
 _MOST_OFF_M, _MOST_APART_M = 0.0012, 0.003
+#: People who stand still have less than these of ``swayed``.
+_MOST_BENT, _MOST_CONTRADICTED = 3.0, 1.1
+#: A standard deviation is so many medians of the sizes.
+_TYPICAL = 1.4826
 #: So many ways in which all cameras together can move without a photo telling: turn, shift, scale.
 _GAUGE = 7
 
@@ -95,9 +106,63 @@ def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
             got=f"{1e3 * off_m:.1f} mm and {1e3 * apart_m:.1f} mm",
             hint="Probably the person moved between the photos",
         )
+    warnings: list[str] = []
     if few:
-        return (f"{few} of {len(pairs)} pairs of neighbouring photos have hardly a match",)
-    return ()
+        warnings.append(f"{few} of {len(pairs)} pairs of neighbouring photos have hardly a match")
+    bent, apart = swayed(rig, matches)
+    if bent > _MOST_BENT or apart > _MOST_CONTRADICTED:
+        warnings.append(
+            "the person swayed between the photos, by 5 mm or more: expect errors of millimetres, "
+            f"as matches tell (bends {bent:.1f}, contradictions {apart:.1f}; 1 is noise)"
+        )
+    return tuple(warnings)
+
+
+def swayed(rig: Rig, matches: Matches) -> tuple[float, float]:
+    """Signs of a body that does not stand still, in units of what noise makes: 1 is none.
+
+    Cameras take up how a body shifts and leans as a whole. How it bends besides, sideways in each
+    photo by a parabola of the height, is solved for beside them, once. Photos on both sides of one
+    then place a point differently, by more than matches are off across their lines.
+
+    Returns:
+        How many times the squares that chance would take away go away with the bends; and the
+        typical contradiction of two pairs. Both are 0 where too few points are seen by two pairs.
+    """
+    told, (this, other) = met(rig, matches), matches.twice.T
+    if len(this) < LEAST_MATCHES:
+        return 0.0, 0.0
+    apart = told.out_m[this] - told.out_m[other]
+    noise_px, apart_m = (_typical(each) for each in (told.off_px, apart))
+    by_noise = noise_px * np.sqrt(2) * np.hypot(told.out_by_px[this], told.out_by_px[other])
+    rows = MatchRows(matches, noise_px, apart_m).rows(rig)
+    up, count = upright_line(rig), 6 * len(rig)
+    height = told.points @ up
+    low, high = np.percentile(height, [1, 99])
+    level = np.clip(2 * (height - low) / (high - low) - 1, -1, 1)
+    bent = 1.5 * np.concatenate([level, level[this]]) ** 2 - 0.5
+    sideways = np.cross(up, rig.rotations[:, 2])
+    sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
+    by_pose = rows.jacobian.toarray()[:, :count]
+    by_shift = by_pose.reshape(-1, len(rig), 6)[:, :, 3:]
+    by_bend = np.einsum("mci,cij,cj->mc", by_shift, rig.rotations, sideways) * bent[:, None]
+    both = np.concatenate([by_pose, by_bend], axis=1)
+    gone = _explained(rows, both) - _explained(rows, by_pose)
+    by_chance = float(rows.weights @ rows.residuals**2) * len(rig) / len(rows.residuals)
+    return gone / by_chance, _typical(apart / by_noise)
+
+
+def _typical(values: Floats) -> float:
+    """The standard deviation that a median of sizes stands for."""
+    return _TYPICAL * float(np.median(np.abs(values)))
+
+
+def _explained(rows: Rows, by: Floats) -> float:
+    """The weighted squares that unknowns take away, by (M, K) of what residuals change."""
+    weighted = by * rows.weights[:, None]
+    matrix, slope = weighted.T @ by, weighted.T @ rows.residuals
+    matrix += np.diag(1e-6 * matrix.diagonal() + 1e-12)
+    return float(slope @ np.linalg.solve(matrix, slope))
 
 
 def spreads(found: Solved) -> tuple[Floats, float]:

@@ -225,17 +225,21 @@ class _Met:
     """Where the rays of matches meet, with derivatives by the unknowns of both cameras.
 
     Attributes:
+        points: (M, 3) where, world metres.
         off_px: (M,) distance of the second pixel from the epipolar line.
         off_by: (M, 13) by the first camera, the second, the focal lengths' factor.
         out_m: (M,) of the point, along the normal.
         out_by: (M, 13).
+        out_by_px: (M,) if the second pixel lay a pixel further along the line.
         columns: (M, 13) which unknowns these are.
     """
 
+    points: Floats
     off_px: Floats
     off_by: Floats
     out_m: Floats
     out_by: Floats
+    out_by_px: Floats
     columns: Ints
 
 
@@ -273,10 +277,12 @@ def met(rig: Rig, matches: Matches) -> _Met:
     moves = moves + ahead[..., None] * deeper[:, None]
     focal = np.full((len(one), 1), 6 * len(rig))
     return _Met(
+        points=point,
         off_px=(normal * (shown.pixels - matches.second)).sum(axis=1),
         off_by=np.einsum("ma,mab->mb", normal, pixels),
         out_m=(matches.normals * point).sum(axis=1),
         out_by=np.einsum("mi,mib->mb", matches.normals, moves),
+        out_by_px=(matches.normals * ahead).sum(axis=1) / speed,
         columns=np.concatenate([pose_columns(one), pose_columns(two), focal], axis=1),
     )
 

@@ -120,10 +120,15 @@ def upright(rig: Rig) -> Floats:
     Cameras that look in nearly one direction tell it less than the mean of what is up in them.
     """
     body = rig.points[[0, 7, 8]].mean(axis=0) - rig.points[[23, 24]].mean(axis=0)
+    up = upright_line(rig)
+    return up if up @ body >= 0 else -up
+
+
+def upright_line(rig: Rig) -> Floats:
+    """(3,) unit: up or down, by the cameras alone."""
     _, spread, axes = np.linalg.svd(rig.rotations[:, 0])
     up = axes[2] if spread[1] > 0.2 * spread[0] else -rig.rotations[:, 1].mean(axis=0)
-    up = up / np.linalg.norm(up)
-    return up if up @ body >= 0 else -up
+    return up / np.linalg.norm(up)
 
 
 def _settled(rig: Rig, given: Silhouettes, stage: tuple[float, float, int]) -> Rig:

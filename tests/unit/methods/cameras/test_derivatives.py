@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from methods.cameras.adjustment import Block, Rig, solved
 from methods.cameras.coherence import DistanceMap, OutlineRows, distance_map
 from methods.cameras.landmarks import LandmarkRows, landmark_spans
 from methods.cameras.matches import Matches, MatchRows, contradiction_m, met
+from methods.stereo.membrane import Neighbourhood
+from methods.stereo.narrow import outward
 from tests.unit.methods.cameras.conftest import Taken, around, errors_deg, turned
 
 STEP = 1e-6
@@ -32,8 +35,13 @@ def differences(block: Block, rig: Rig, unknowns: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def exact_matches(taken: Taken, count: int = 600) -> Matches:
-    """Places of the figure in each pair of neighbouring photos; what hides them does not count."""
+def exact_matches(
+    taken: Taken, count: int = 600, moved: Sequence[np.ndarray] | None = None
+) -> Matches:
+    """Places of the figure in each pair of neighbouring photos; what hides them does not count.
+
+    In each photo all vertices may have ``moved`` by (N, 3) metres.
+    """
     rng = np.random.default_rng(4)
     rows = rng.choice(len(taken.mesh.vertices), count, replace=False)
     points = taken.mesh.vertices[rows]
@@ -46,11 +54,12 @@ def exact_matches(taken: Taken, count: int = 600) -> Matches:
         for mine in (np.flatnonzero(np.isin(np.arange(count) % 8, (number, (number + 1) % 8))),)
     ]
     views, place = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    seen = [camera.project(points)[0] for camera in taken.cameras]
+    by = moved or [np.zeros_like(taken.mesh.vertices)] * len(taken.cameras)
+    seen = [c.project(points + m[rows])[0] for c, m in zip(taken.cameras, by, strict=True)]
     first, second = (
         np.stack([seen[v][p] for v, p in zip(views[:, k], place, strict=True)]) for k in (0, 1)
     )
-    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    normals = outward(Neighbourhood(taken.mesh))[rows]
     return Matches(views, first, second, place, normals[place])
 
 

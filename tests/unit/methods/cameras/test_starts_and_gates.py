@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from harness.core.errors import DataError, MethodError
 from harness.core.rigs import RingRig
 from methods.body.photos.detection import Detections
 from methods.cameras import estimate, search
 from methods.cameras.adjustment import Rig, solved
-from methods.cameras.checks import check_matches, check_round, spreads, unmatched
+from methods.cameras.checks import check_matches, check_round, spreads, swayed, unmatched
 from methods.cameras.landmarks import by_landmarks
-from methods.cameras.matches import Matches, MatchRows
+from methods.cameras.matches import Matches, MatchRows, met
 from methods.cameras.values import Focal, PhotoView
 from tests.unit.methods.cameras.conftest import Taken, errors_deg, landmarks, turned
 from tests.unit.methods.cameras.test_derivatives import exact_matches
@@ -89,17 +90,49 @@ def test_matches_that_contradict_the_cameras_are_refused(taken):
         check_matches(wrong, told)
 
 
+def with_noise(told: Matches, px: float) -> Matches:
+    rng = np.random.default_rng(0)
+    first, second = (each + rng.normal(0, px, each.shape) for each in (told.first, told.second))
+    return replace(told, first=first, second=second)
+
+
+def facing(taken: Taken, told: Matches) -> Matches:
+    """Those of places that both photos could see."""
+    points = met(Rig.of(taken.cameras), told).points
+    eyes = np.stack([camera.position for camera in taken.cameras])[told.views]
+    ways = eyes - points[:, None]
+    ways /= np.linalg.norm(ways, axis=2, keepdims=True)
+    return told.of(np.einsum("mvi,mi->mv", ways, told.normals).min(axis=1) > 0.5)
+
+
+@pytest.mark.parametrize(
+    ("lean_mm", "bend_mm", "is_told"), [(0, 0, False), (10, 0, False), (0, 5, True)]
+)
+def test_a_person_who_bends_from_photo_to_photo_is_told(taken, lean_mm, bend_mm, is_told):
+    """One who leans is not: the cameras take that up, and nothing is off."""
+    rng = np.random.default_rng(3)
+    low, high = taken.mesh.bounds[:, 1]
+    feet = taken.mesh.vertices - (0.0, low, 0.0)
+    height = feet[:, 1:2] / (high - low)
+    moved = []
+    for _ in taken.cameras:
+        lean, bend = 1e-3 * rng.normal(size=(2, 3)) * (1, 0, 1)
+        turn = Rotation.from_rotvec(lean_mm * lean / (high - low)).as_matrix()
+        moved.append(feet @ turn.T - feet + bend_mm * np.sin(np.pi * height) * bend)
+    told = facing(taken, with_noise(exact_matches(taken, 8000, moved), 0.1))
+    rig = replace(Rig.of(taken.cameras), points=landmarks())
+    rig = solved(rig, [MatchRows(told)], 20).rig
+    bent, apart = swayed(rig, told)
+    assert (bent > 5.0) is is_told
+    assert (bent < 2.0) is not is_told
+    assert (apart > 1.2) is is_told
+    assert (0.8 < apart < 1.05) is not is_told
+    assert any("swayed" in text for text in check_matches(rig, told)) is is_told
+
+
 def test_covariances_tell_what_is_left(taken):
     """Noise of a third of a pixel: errors are as large as the covariances say."""
-    told = exact_matches(taken, 1200)
-    rng = np.random.default_rng(0)
-    noisy = Matches(
-        told.views,
-        told.first + rng.normal(0, 0.2, told.first.shape),
-        told.second + rng.normal(0, 0.2, told.second.shape),
-        told.place,
-        told.normals,
-    )
+    noisy = with_noise(exact_matches(taken, 1200), 0.2)
     known = Rig.of(taken.cameras)
     found = solved(known, [MatchRows(noisy)], 20)
     own, factor_sd = spreads(found)
