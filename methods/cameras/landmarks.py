@@ -36,14 +36,12 @@ class LandmarkRows:
         found: Of the rig's views.
         span_m: (C,) metres that a pixel spans of the person.
         sd_m: What landmarks in pictures are trusted to, metres.
-        space_m: And in space, about the middle of the hips.
-        space_weight: How much the latter count.
+        space_weight: How much landmarks in space, about the middle of the hips, count.
     """
 
     found: Detections
     span_m: Floats
     sd_m: float
-    space_m: float = _SPACE_M
     space_weight: float = 0.3
 
     def rows(self, rig: Rig) -> Rows:
@@ -70,16 +68,16 @@ class LandmarkRows:
         hips = rig.points[_HIPS].mean(axis=0)
         turns = rig.rotations[views]
         bones = np.einsum("mij,mj->mi", turns, rig.points[marks] - hips)
-        deep = (bones - self.found.points_camera[views, marks]) / self.space_m
+        deep = (bones - self.found.points_camera[views, marks]) / _SPACE_M
         hip_columns = [
             np.full_like(points, 6 * count + 1 + 3 * hip) + np.arange(3) for hip in _HIPS
         ]
         for axis in range(3):
-            by_point = turns[:, axis] / self.space_m
+            by_point = turns[:, axis] / _SPACE_M
             # exp(w) b changes by w x b.
             unit = np.zeros(3)
             unit[axis] = 1.0
-            by_turn = np.cross(bones, unit) / self.space_m
+            by_turn = np.cross(bones, unit) / _SPACE_M
             entries = [(pose_columns(views)[:, :3], by_turn), (points, by_point)]
             entries += [(columns, -0.5 * by_point) for columns in hip_columns]
             parts.append(sparse_rows(entries, rig.size))

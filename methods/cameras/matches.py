@@ -22,14 +22,14 @@ from harness.geometry.raycast import Raycaster
 from methods.cameras.adjustment import Rig, Rows, cauchy, crosses, pose_columns, seen, sparse_rows
 from methods.cameras.values import PhotoView
 from methods.stereo.membrane import Neighbourhood
-from methods.stereo.narrow import correlation_curves, outward, seen_by_pairs
+from methods.stereo.narrow import correlation_curves, outward, seen_by_pairs, vertex
 from methods.stereo.settings import NarrowSettings
 from methods.stereo.surface import neighbours, pairs, pixel_span_m
 from methods.stereo.views import Contrast, contrast, reduction, stereo_view
 
 #: Places on the surface; pairs that are asked of each: the two that see it best.
 _PLACES, _ASKED = 6000, 2
-#: Fewer matches of a pair tell nothing.
+#: Fewer matches of a pair tell nothing, nor do fewer points that two pairs see.
 LEAST_MATCHES = 15
 #: A match is trusted to so many pixels, and a place to so many metres; neighbouring places tell
 #: nearly the same, so that ten count as one. The latter is of a pixel at a metre's focal length.
@@ -207,17 +207,12 @@ def _sure(curves: Singles, search: MatchSearch) -> tuple[Ints, Floats, Floats]:
     sure = np.flatnonzero(inner & (peak > search.correlation) & (peak - second > search.margin))
     at, along = side[sure], offset[sure]
     row = row[sure]
-    top = curves[at, row, along].astype(np.float64)
-    deeper = _vertex(curves[at, row, along - 1], top, curves[at, row, along + 1])
-    beside = _vertex(curves[at - 1, row, along], top, curves[at + 1, row, along])
+    across, out = (
+        [curves[at + k * a, row, along + k * b].astype(np.float64) for k in (-1, 0, 1)]
+        for a, b in ((1, 0), (0, 1))
+    )
+    deeper, beside = vertex(*out), vertex(*across)
     return sure, along - (offsets - 1) / 2 + deeper, at - (sides - 1) / 2 + beside
-
-
-def _vertex(before: Singles, top: Floats, after: Singles) -> Floats:
-    """(K,) how far a parabola's top is from the middle of three values, steps."""
-    bend = before - 2.0 * top + after
-    curved = bend < -1e-9
-    return np.where(curved, np.clip(0.5 * (before - after) / np.where(curved, bend, 1), -1, 1), 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -322,6 +317,8 @@ class MatchRows:
 
 
 def contradiction_m(rig: Rig, matches: Matches) -> float:
-    """Median by which two pairs place a point differently, metres; NaN where none do."""
+    """Median by which two pairs place a point differently, metres; NaN where too few tell."""
     told, (this, other) = met(rig, matches), matches.twice.T
-    return float(np.median(np.abs(told.out_m[this] - told.out_m[other]))) if len(this) else np.nan
+    if len(this) < LEAST_MATCHES:
+        return np.nan
+    return float(np.median(np.abs(told.out_m[this] - told.out_m[other])))

@@ -206,13 +206,18 @@ def sure_peaks(curve: Singles, settings: NarrowSettings) -> tuple[Floats, Floats
     top = curve.argmax(axis=1)
     inner = np.clip(top, 1, len(offsets) - 2)
     before, at, after = (curve[row, inner + k].astype(np.float64) for k in (-1, 0, 1))
-    bend = before - 2.0 * at + after
-    curved = bend < -1e-9
-    shift = np.where(curved, 0.5 * (before - after) / np.where(curved, bend, -1.0), 0.0)
-    found = offsets[inner] + np.clip(shift, -1.0, 1.0) * settings.step_m
+    found = offsets[inner] + vertex(before, at, after) * settings.step_m
     peak = curve[row, top].astype(np.float64)
     sure = (inner == top) & (peak > settings.correlation)
     return found, peak, sure & (peak - _second(curve, offsets, top, settings) > settings.margin)
+
+
+def vertex(before: Floats, at: Floats, after: Floats) -> Floats:
+    """(N,) how far a parabola's top is from the middle one of three values, steps: -1 to 1."""
+    bend = before - 2.0 * at + after
+    curved = bend < -1e-9
+    shift = np.where(curved, 0.5 * (before - after) / np.where(curved, bend, -1.0), 0.0)
+    return np.clip(shift, -1.0, 1.0)
 
 
 def _second(curve: Singles, offsets: Floats, top: Ints, settings: NarrowSettings) -> Floats:

@@ -15,7 +15,7 @@ from methods.cameras import estimate, search
 from methods.cameras.adjustment import Rig, solved
 from methods.cameras.checks import check_matches, check_round, spreads, swayed, unmatched
 from methods.cameras.landmarks import by_landmarks
-from methods.cameras.matches import Matches, MatchRows, met
+from methods.cameras.matches import LEAST_MATCHES, Matches, MatchRows, contradiction_m, met
 from methods.cameras.values import Focal, PhotoView
 from tests.unit.methods.cameras.conftest import Taken, errors_deg, landmarks, turned
 from tests.unit.methods.cameras.test_derivatives import exact_matches
@@ -88,6 +88,10 @@ def test_matches_that_contradict_the_cameras_are_refused(taken):
     wrong = replace(Rig.of(turned(taken.cameras, 2.0, 3)), points=np.zeros((33, 3)))
     with pytest.raises(MethodError, match="the person moved"):
         check_matches(wrong, told)
+    once = np.ones(len(told), dtype=bool)
+    once[told.twice[10:, 1]] = False
+    assert 0 < len(told.of(once).twice) < LEAST_MATCHES
+    assert np.isnan(contradiction_m(wrong, told.of(once)))
 
 
 def with_noise(told: Matches, px: float) -> Matches:
