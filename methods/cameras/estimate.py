@@ -19,7 +19,7 @@ from harness.geometry.similarity import camera_similarity
 from methods.body.photos.detection import Detections, detect_in
 from methods.cameras.adjustment import Rig, Solved, solved
 from methods.cameras.checks import check_matches, check_round, spreads, swayed, unmatched
-from methods.cameras.coherence import DistanceMap, OutlineRows, distance_map, outline_of
+from methods.cameras.coherence import DistanceMap, distance_map, outline_of
 from methods.cameras.landmarks import by_landmarks, landmark_spans
 from methods.cameras.matches import (
     Matches,
@@ -68,8 +68,8 @@ _LEAST_PX, _LEAST_GAIN, _PLACES_ASKED = 0.15, 0.9, 2000
 _CALM_M, _REFINED_M = 0.0004, (0.008, 0.0028, 0.001)
 #: A later search that takes less than this share of the cost away is the last; so many at most.
 _REST_GAIN, _MOST_PASSES = 0.1, STEPS - 2
-#: Beside matches outlines are trusted to so many times what is left in them, metres; rounds.
-_LEFT_SHARE, _LEAST_LEFT_M, _ROUNDS = 12.0, 0.0005, 8
+#: Beside matches outlines are trusted to so many times what is left in them, metres.
+_LEFT_SHARE, _LEAST_LEFT_M = 12.0, 0.0005
 
 
 def estimate_cameras(
@@ -111,8 +111,6 @@ def estimate_cameras(
         why = "it looks like none of its neighbours"
         group, rig, given = _without(group, (found.rig, given), view, why)
     warnings += check_matches(found.rig, matches)
-    # What was held out to judge by says as much of the cameras as the others do.
-    found = solved(found.rig, _rows(found.rig, given, matches), _ROUNDS)
     found = replace(found, rig=_in_world(found.rig, given, height_m)[0])
     if len(group.photos) < _SURE_PHOTOS:
         warnings += (f"cameras of {len(group.photos)} photos are weak: take eight",)
@@ -386,28 +384,23 @@ def _by_photos(
         rig, mesh = _in_world(rig, given, height_m)
         search = _SEARCHES[min(number, 1)]
         matches = find_matches(mesh, rig, photos, search)
-        blocks = _rows(rig, given, matches.of(~matches.held_out))
-        found = solved(rig, blocks, _ROUNDS)
+        left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
+        blocks = [given.rays(rig, left_m, _FINE_RAYS), MatchRows(matches.of(~matches.held_out))]
+        found = solved(rig, blocks, 8)
         rig = found.rig
         judged = np.abs(met(rig, matches.of(matches.held_out)).off_px)
         residuals = {
             "matches": float(len(matches)),
             "held_out_px": float(np.median(judged)) if len(judged) else np.nan,
             "contradiction_mm": 1e3 * contradiction_m(rig, matches),
-            "bends": swayed(rig, matches)[0],
-            "contradictions": swayed(rig, matches)[1],
+            **dict(zip(("bends", "contradictions"), swayed(rig, matches), strict=True)),
             "missed_mm": 1e3 * given.misses_m(rig)[0],
-            "outlines_trusted_mm": 1e3 * blocks[0].sd_m,
+            "outlines_trusted_mm": 1e3 * left_m,
         }
         number += 1
         steps.done(f"photos {number}", residuals, found.gain)
         if number == _MOST_PASSES or (number > 1 and found.gain < _REST_GAIN):
             return found, matches
-
-
-def _rows(rig: Rig, given: Silhouettes, matches: Matches) -> tuple[OutlineRows, MatchRows]:
-    left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
-    return given.rays(rig, left_m, _FINE_RAYS), MatchRows(matches)
 
 
 def refine_cameras(
