@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats, Ints, box_of
 from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.records import MetricValue
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
@@ -200,8 +200,8 @@ def _centroids(surface: SurfaceIndex) -> Floats:
 
 def morton_codes(points: Floats) -> NDArray[np.uint64]:
     """(N,) places along a Z-order curve: points that are near on it are near in space."""
-    low = points.min(axis=0)
-    size = float((points.max(axis=0) - low).max()) or 1.0
+    low, high = box_of(points)
+    size = float((high - low).max()) or 1.0
     cells = ((points - low) * ((2**_MORTON_BITS - 1) / size)).astype(np.uint64)
     x, y, z = (_spread_bits(axis) for axis in cells.T)
     return x | (y << np.uint64(1)) | (z << np.uint64(2))

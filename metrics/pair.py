@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints
+from harness.core.arrays import Floats, Ints, box_of
 from harness.core.camera import Camera
 from harness.core.errors import DataError
 from harness.core.files.hashing import derive_seed
@@ -41,9 +41,10 @@ class EdgeIndex:
 
     def __init__(self, surface: SurfaceIndex, below_m2: float) -> None:
         mesh = surface.mesh
-        ends = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
-        keys = np.unique(ends[:, 0] * len(mesh.vertices) + ends[:, 1])
-        first, second = np.divmod(keys, len(mesh.vertices))
+        corners, count = mesh.faces.T.astype(np.int64), len(mesh.vertices)
+        sides = [(corners[k - 1], corners[k]) for k in range(3)]
+        keys = [np.minimum(*side) * count + np.maximum(*side) for side in sides]
+        first, second = np.divmod(np.unique(np.concatenate(keys)), count)
         large = mesh.faces[surface.face_areas >= below_m2]
         # An edge is a triangle of which two corners are one: the search is exact on it.
         pieces = np.concatenate([np.stack([first, second, second], axis=1), large])
@@ -415,9 +416,10 @@ def cut_below(mesh: Mesh, low_m: float) -> Mesh:
 
 def thinned(points: Floats, cell_m: float) -> Floats:
     """(M, 3) means of (N, 3) points over the cells of a grid about them, as Open3D thins."""
-    low = points.min(axis=0) - cell_m / 2
+    low, high = box_of(points)
+    low -= cell_m / 2
     cells = np.floor((points - low) / cell_m).astype(np.int64)
-    wide = cells.max(axis=0) + 1
+    wide = np.floor((high - low) / cell_m).astype(np.int64) + 1
     _, group = np.unique(
         (cells[:, 0] * wide[1] + cells[:, 1]) * wide[2] + cells[:, 2], return_inverse=True
     )

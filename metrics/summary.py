@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.core.arrays import Floats, Ints, Mask
+from harness.core.arrays import Floats, Ints, Mask, box_of
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import derive_seed
 from harness.core.metric_catalog import Unit
@@ -186,10 +186,7 @@ def part_numbers(
             continue
         for column in protocol.columns:
             if column.of == "boxes":
-                boxes = [
-                    np.stack([points.min(axis=0), points.max(axis=0)])
-                    for points in (side.points[on] for side, on in zip(drawn, of_part, strict=True))
-                ]
+                boxes = [box_of(side.points[on]) for side, on in zip(drawn, of_part, strict=True)]
                 number = MetricValue(box_iou(boxes[0], boxes[1]), column.unit, 2, 0.0)
             else:
                 number = measured(placed, protocol, column, of_part)

@@ -1,4 +1,4 @@
-"""What arrays hold, by name: the aliases that annotations use everywhere."""
+"""What arrays hold, by name: the aliases that annotations use; and the box around points."""
 
 from __future__ import annotations
 
@@ -21,3 +21,11 @@ AnyInts = NDArray[np.integer[Any]]
 Mask = NDArray[np.bool_]
 #: Colours of eight bits a channel.
 Bytes = NDArray[np.uint8]
+
+
+def box_of(points: Floats) -> Floats:
+    """(2, D) lower and upper corner of the box around (N, D) points.
+
+    By component, which is several times as fast as along the short rows.
+    """
+    return np.array([[axis.min() for axis in points.T], [axis.max() for axis in points.T]])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import AnyInts, Floats
+from harness.core.arrays import AnyInts, Floats, box_of
 from harness.core.errors import DataError
 
 _SAFE_COORDINATE = 1e100
@@ -140,7 +140,7 @@ class Mesh:
         is_used = np.zeros(len(self.vertices), dtype=bool)
         is_used[self.faces] = True
         used = self.vertices[is_used]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        return box_of(used)
 
     @property
     def extent(self) -> Floats:

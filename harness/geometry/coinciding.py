@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.core.arrays import AnyInts, Floats, Ints, Ints32, Mask
+from harness.core.arrays import AnyInts, Floats, Ints, Ints32, Mask, box_of
 from harness.core.mesh import Mesh
 
 #: Of the longest side of a mesh: some steps of float32, as far as files and nodes round.
@@ -73,7 +73,7 @@ def _near_pairs(points: Floats) -> Ints:
     """(P, 2) points (N, 3), all different, that are apart by rounding alone."""
     from scipy.spatial import KDTree
 
-    reach = _ROUNDED * float((points.max(axis=0) - points.min(axis=0)).max())
+    reach = _ROUNDED * float(np.ptp(box_of(points), axis=0).max())
     left = np.arange(len(points))
     for direction in _DIRECTIONS:
         along = points[left] @ direction

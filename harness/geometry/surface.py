@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.core.arrays import Floats, Ints, Singles
+from harness.core.arrays import Floats, Ints, Singles, box_of
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
 from harness.geometry.coinciding import (
@@ -113,7 +113,7 @@ class SurfaceIndex:
         used = np.zeros(len(mesh.vertices), dtype=bool)
         used[faces.ravel()] = True
         positions = mesh.vertices[used]
-        self.bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
+        self.bounds = box_of(positions)
         _check_searchable(mesh.vertices - self.centre, f"a vertex of {mesh.source}")
 
     @cached_property
@@ -270,9 +270,12 @@ def _lengths(vectors: Floats) -> Floats:
 
 def blend(values: Floats, corners: NDArray[np.integer[Any]], weights: Floats) -> Floats:
     """(N, 3) sums of the values at (N, 3) corners, weighted."""
-    blended = values[corners[:, 0]] * weights[:, :1]
+    blended = values.take(corners[:, 0], axis=0)
+    blended *= weights[:, :1]
     for corner in (1, 2):
-        blended += values[corners[:, corner]] * weights[:, corner : corner + 1]
+        one = values.take(corners[:, corner], axis=0)
+        one *= weights[:, corner : corner + 1]
+        blended += one
     return blended
 
 

@@ -194,10 +194,10 @@ def closed(mesh: Mesh, rings: int = 500) -> Mesh:
 
 
 def test_all_protocols_take_a_few_times_as_long_as_exact(benchmark, tmp_path):
-    """As a command, on two cores that ten jobs kept busy.
+    """As a command: 2.3 times, on two cores that fifteen jobs kept busy.
 
-    2.2 and 2.4 times: 18.3 s against 8.2 s, 18.6 s against 7.6 s. The open egg, which has no
-    volume: 2.4 and 2.1 times.
+    15.1 and 15.7 s against 6.7, 7.5 and 6.4 s. The open egg, which has no volume: 2.4 times, 15.9 s
+    against 6.5 s.
     """
     paths = tmp_path / "predicted.obj", tmp_path / "truth.obj"
     for path, phase in zip(paths, (0.0, 1.0), strict=True):
