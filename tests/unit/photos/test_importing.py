@@ -29,7 +29,7 @@ from harness.photos.request import ImportRequest
 from harness.photos.world import parsed_axis, quarters_upright, up_of_cameras, upright
 from harness.run.view_choice import as_given, views_for
 from methods.hull import HullSettings, VisualHull
-from tests.unit.data.test_capture_files import save_turned, stored_as
+from tests.unit.data.test_pictures import save_turned, stored_as
 from tests.unit.photos.conftest import photographed
 
 #: The front is -Y where the world has +Z up, and +Z where it has +Y up, as COLMAP's files here.
