@@ -1,7 +1,5 @@
 """The methods by name; third parties add theirs through the entry-point group harness.methods."""
 
-from __future__ import annotations
-
 from harness.core.process.registry import Registry
 
 METHODS = Registry(

@@ -4,8 +4,6 @@ The network wants to know the body, and the body is what is sought. Source: MExE
 normal loss, whose normals are those of ECON's front network in every view.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from harness.core.arrays import Floats, Ints32

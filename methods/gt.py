@@ -3,8 +3,6 @@
 Its P2S distances and normal error must be 0, and its Chamfer distance the sampling floor.
 """
 
-from __future__ import annotations
-
 from harness.core.artifacts import Capture, Reconstruction
 from harness.core.protocols import Context, MethodInfo, Privilege
 

@@ -1,7 +1,5 @@
 """Networks of others that mark the person in a photo, which the user imported."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -16,8 +16,6 @@ out to the silhouettes (``methods/surface/completion.py``), where the paper infl
 Before: ``renderers/blender/scene.py``. After: ``metrics/distance.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Source: Zhang et al., The unreasonable effectiveness of deep features as a perce
 version 0.1. Its linear layers come with the package ``lpips``, the networks with torchvision.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One sheet of pictures per subject: from photo to mesh, stage by stage, for a person to judge."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

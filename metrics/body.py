@@ -7,8 +7,6 @@ size. Errors are in millimetres and without any alignment.
 Source: MExECON, equations of the silhouette, normal and landmark loss and table "JMBO ablation".
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

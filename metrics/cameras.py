@@ -1,7 +1,5 @@
 """How far estimated cameras are from the true ones, pair by pair and after a Sim(3) by cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

@@ -15,8 +15,6 @@ in mm for N points; less where sheets lie closer together than points, as clothe
 Before: ``methods/hull.py``. After: ``harness/run/evaluate.py``.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

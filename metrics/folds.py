@@ -5,8 +5,6 @@ between a normal and the blurred one measures what is quick: 0 on a plane, 2 to 
 body, 7 on smooth jersey, 12 to 14 on a jacket with trousers, 18 on crumpled cotton.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

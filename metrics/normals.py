@@ -5,8 +5,6 @@ interpolated from area-weighted vertex normals (``SurfaceIndex.smooth_normals``)
 of a scan carry the noise of its vertices, 7 to 14 degrees of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 

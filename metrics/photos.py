@@ -1,7 +1,5 @@
 """Numbers of a reconstruction that need no scan: how well it looks like its photos."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -6,8 +6,6 @@ mesh that was made elsewhere can be such a one: for what a method makes here, ``
 refusals into warnings.
 """
 
-from __future__ import annotations
-
 from itertools import permutations, product
 
 import numpy as np

@@ -4,8 +4,6 @@ The means over a whole person hide a missing hand. Here the same points as behin
 told apart by the label of the true face that they lie on, or that is nearest to them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from harness.core.arrays import Floats, Mask

@@ -1,7 +1,5 @@
 """The score of a reconstruction: all metrics of one pair of meshes under one protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """The summary stage: a protocol's columns as numbers with their unit and standard error."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """The check of a render: its pictures show the mesh where the cameras project it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a renderer is: a textured mesh and a recipe go in, RGBA files come out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol

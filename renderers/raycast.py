@@ -3,8 +3,6 @@
 For tests, previews and machines without Blender; ``renderers/capture.py`` has the light.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

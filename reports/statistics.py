@@ -4,8 +4,6 @@ A table's digits suggest more than twenty subjects can tell: one failed subject 
 Intervals are over subjects; methods are compared subject by subject.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """What a method was asked and what came out, as people and programs read it."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import tempfile

@@ -5,8 +5,6 @@ changed or removed one is a fault, and so is a new version without subjects that
 version has.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Results of different datasets, recipes or metric protocols never meet in a table
 tables of its own. The first ones show the last version of each method, and more show all versions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

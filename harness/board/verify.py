@@ -4,8 +4,6 @@ A board that only collects numbers collects mistakes. Here the mesh is what is h
 must say what anybody finds who measures that mesh. What no mesh can show is listed as not proven.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """``harness capture``: photos of real people come in, captures go out."""
 
-from __future__ import annotations
-
 from dataclasses import replace as replaced
 from pathlib import Path
 from typing import Annotated

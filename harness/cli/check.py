@@ -1,7 +1,5 @@
 """``harness check``: have the numbers moved?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``harness conform``: whether a method keeps the contract."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``harness data``: what is measured on, and whether it is there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``harness doctor``: what is usable here, and how to install the rest."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

@@ -1,7 +1,5 @@
 """``harness eval``: reconstruct and score."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -5,8 +5,6 @@ files); 2 a request that cannot be carried out; 3 bad data; 4 a missing part; 5 
 worker; 6 numbers that must not be mixed; 130, 143 and 129 stopped by Ctrl-C, SIGTERM and SIGHUP.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import io

@@ -1,7 +1,5 @@
 """``harness methods``: what there is to run, what each is given, and how it differs from print."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``harness parts``: what a user may bring, what of it is there, and its import."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """``harness quickstart``: from nothing to the tables."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

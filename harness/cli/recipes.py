@@ -1,7 +1,5 @@
 """``harness recipes``: methods of others, what each needs, and where the user has it."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """``harness reconstruct``: a mesh, a body and a sheet of a person in photos."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

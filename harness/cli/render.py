@@ -1,7 +1,5 @@
 """``harness render``: photos of subjects, with the proof of their cameras."""
 
-from __future__ import annotations
-
 from harness.cli import options as opt
 from harness.cli.display import print_outcomes, shown_progress
 from harness.cli.options import limit_s

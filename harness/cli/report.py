@@ -1,7 +1,5 @@
 """``harness report``: records as a table, a figure or a page."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated

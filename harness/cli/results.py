@@ -1,7 +1,5 @@
 """``harness results``: hand results in, score them again, and put them on a board."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated

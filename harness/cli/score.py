@@ -1,7 +1,5 @@
 """``harness score``: a pair of surfaces, or a folder of surfaces made elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated

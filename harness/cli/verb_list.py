@@ -7,8 +7,6 @@ This is the one lazy entry point of the command line: ``harness --help`` answers
 modules of the verbs import what they need at the top like all others.
 """
 
-from __future__ import annotations
-
 import importlib
 from importlib.metadata import entry_points
 from typing import Any

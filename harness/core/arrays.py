@@ -1,7 +1,5 @@
 """What arrays hold, by name: the aliases that annotations use; and the box around points."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

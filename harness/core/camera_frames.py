@@ -5,8 +5,6 @@ facing +Z. Blender's world has +Z up, and what stands upright in it faces -Y: th
 reads an OBJ file, so that our world is also the frame of a file that faces its own +Z.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Generator, Mapping, Sequence

@@ -19,8 +19,6 @@ Exit code 1 is kept for "the command ran and the answer is no": failed subjects,
 What is shown has no sign in it that moves a terminal's cursor or hides what is written.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence

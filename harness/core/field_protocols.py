@@ -4,8 +4,6 @@ Mistakes of these programs are part of their numbers and are reproduced; ``docs/
 names them and their size. Read from the programs, not copied from them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

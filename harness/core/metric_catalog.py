@@ -1,7 +1,5 @@
 """Units, and what each metric is called, is printed in, and where its definition comes from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum

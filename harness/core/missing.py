@@ -4,8 +4,6 @@ The bench itself needs what scores and reports need. Methods, rendering and exec
 machines are extras of its distribution; other parts of the project are packages beside it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from collections.abc import Iterable, Iterator

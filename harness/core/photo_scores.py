@@ -4,8 +4,6 @@
 them. Every value goes to JSON and back by ``harness.core.typed_json``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import fmean

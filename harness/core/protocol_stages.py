@@ -3,8 +3,6 @@
 The third stage, sampling and distance, is the fields of ``MetricProtocol`` itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """What methods, renderers and metrics promise, and what a method may be given beyond pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field

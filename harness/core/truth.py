@@ -3,8 +3,6 @@
 The files lie beside the scan. Datasets of real people have none of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

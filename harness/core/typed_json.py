@@ -6,8 +6,6 @@ there, nothing else may be, and each value must be of its type. A field annotate
 any JSON value as it is. What was written is read back equal, to the last bit of a float.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import types

@@ -1,7 +1,5 @@
 """Read camera files: nerfstudio, published parameters, COLMAP."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

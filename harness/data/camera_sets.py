@@ -4,8 +4,6 @@ Each set's convention is data: where cameras, photos and masks lie, and what its
 All poses end up as OpenCV cameras that are undistorted on import, in metres.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import re

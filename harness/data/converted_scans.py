@@ -1,7 +1,5 @@
 """A scan becomes the files that the harness reads: upright, one OBJ, one material, one picture."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ A package registers a ``Generator`` under ``harness.datasets``. If it has a ``da
 the entry point is that of a new dataset; a manifest may also name it as a dataset's ``generator``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """How large a scan is without the specks beside it, and what sticks out of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Colours of a surface as one picture: texels for the corners of faces, pictures side by side."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """THuman's folder layouts: where scan, texture and SMPL-X fit lie, and what is missing."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """YAML files that strangers may write: plain content, with the line of every key."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import yaml

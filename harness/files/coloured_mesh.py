@@ -3,8 +3,6 @@
 Both files keep positions, faces and colours; ``load_mesh`` reads the surface of either.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from dataclasses import dataclass

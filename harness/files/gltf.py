@@ -1,7 +1,5 @@
 """Binary glTF (GLB): the triangles that a viewer shows at rest, in the file's axes, coloured."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct

@@ -1,7 +1,5 @@
 """Mesh files by extension: each defect is one clear error, and nothing is repaired."""
 
-from __future__ import annotations
-
 import codecs
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Materials of a Wavefront OBJ: which it uses, their colours, and how their pictures are placed."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Wavefront OBJ: fast to read with numpy, texture indices kept apart from vertex indices."""
 
-from __future__ import annotations
-
 import codecs
 import re
 import warnings

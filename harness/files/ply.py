@@ -1,7 +1,5 @@
 """Stanford PLY: ASCII and binary, read with numpy; binary little-endian written."""
 
-from __future__ import annotations
-
 import codecs
 import re
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """PLY files without faces: clouds of points, and Gaussians as 3DGS and 2DGS write them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Polygons become triangles, alike in every format: fans where these stay inside, else ears."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

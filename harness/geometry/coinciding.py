@@ -1,7 +1,5 @@
 """How faces hang together: edges, pieces, whether closed; and what lies at one place."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

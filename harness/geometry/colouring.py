@@ -1,7 +1,5 @@
 """Colour a surface from photos: which photo, how bright, how smooth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What of its surroundings a surface sees, and what a photo shows of its vertices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Methods start from this place and not from the world's origin, so that their res
 cameras wherever the world's frame has been put.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Symmetric positive definite systems on the vertices of a mesh."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The similarity that takes a camera file's world to ours, found, checked, and put into words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

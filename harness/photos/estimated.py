@@ -1,7 +1,5 @@
 """Cameras of photos that come with none, or with inexact ones: from the photos themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

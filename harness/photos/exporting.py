@@ -1,7 +1,5 @@
 """A capture as plain photos with a camera file, for other programs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

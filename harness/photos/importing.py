@@ -1,7 +1,5 @@
 """Photos and cameras of another program become a capture like any other, in a child process."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

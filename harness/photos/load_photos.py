@@ -1,7 +1,5 @@
 """Photos as a capture holds them: upright, without their lens, with the coverage of one person."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

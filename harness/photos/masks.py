@@ -7,8 +7,6 @@ moves the outline to the edges that the photo itself has.
 Source of the filter: He, Sun, Tang, "Guided Image Filtering", TPAMI 2013.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Which photo each camera took."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One photo without a camera becomes a capture: what cannot be known is assumed, and said."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """``harness reconstruct``: from imported photos, a capture's folder or one photo to files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What ``harness capture import`` was asked for, what came of it, and the process that does it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Where up, front and the origin are in a camera file's world, and how long its unit is."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

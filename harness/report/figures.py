@@ -1,7 +1,5 @@
 """Figures of a run: loads photos, scans and meshes, measures errors, passes them to the reports."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """``harness report --page``: a run's records, photos and surfaces become a page of files."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``harness quickstart``: from two generated avatars to tables, pictures and a page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

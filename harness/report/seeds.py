@@ -4,8 +4,6 @@ The first seed's run has the name that was asked for; that of another seed, such
 ``<name>.seed3``. A method that says that a seed changes nothing is in the first run alone.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """``harness report``: records, or figures without a scan, become a table in a format."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A folder of scans or captures becomes a dataset: found, converted, checked, written down."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -4,8 +4,6 @@ Pictures of body and scan are ray-cast at the capture's own cameras; the landmar
 the detector finds in the photos, the same for every method, whichever views the method itself used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """``harness render``: photos of many subjects, each in its own child process."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

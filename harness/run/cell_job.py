@@ -1,7 +1,5 @@
 """A planned cell, as it travels to the worker process that carries it out, and what comes back."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

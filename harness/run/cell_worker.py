@@ -6,8 +6,6 @@ under a key of everything that decides it: its inputs, the code that makes it an
 this code imports. Whoever is handed it is charged what it cost to make.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import json

@@ -1,7 +1,5 @@
 """What a stage costs: wall time, peak memory of the process tree, peak GPU memory."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import threading

@@ -7,8 +7,6 @@ unless there is a good record and the failure is not the method's: then that rec
 Before: ``metrics/distance.py``. After: ``reports/formats/latex.py``.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 import uuid

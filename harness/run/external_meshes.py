@@ -1,7 +1,5 @@
 """Scoring meshes, clouds or splats made elsewhere: a folder, one per subject, or a pair."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """What the manifest offers and what of it is on this machine."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

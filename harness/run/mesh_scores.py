@@ -1,7 +1,5 @@
 """The scores of a mesh against a scan, with the errors of each region where faces are labelled."""
 
-from __future__ import annotations
-
 from harness.core.artifacts import Scan
 from harness.core.mesh import Mesh
 from harness.core.records import Scores

@@ -4,8 +4,6 @@ The scan is cast in the maps' own camera, so that a map is compared where it is,
 of it; the fitted body's normals on the same pixels say what the estimate is worth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The scan's normals in the views that a method is given, for methods with that privilege."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

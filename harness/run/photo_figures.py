@@ -1,7 +1,5 @@
 """The figures of a reconstruction that need no scan, from its photos as they lie on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from harness.core.artifacts import Capture, NormalMaps

@@ -1,7 +1,5 @@
 """How the pipeline reports what it is doing; the command line shows it."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from harness.core.process.threads import StepReport

@@ -1,7 +1,5 @@
 """The meshes of a run under further protocols: each mesh and scan is read once for all."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -5,8 +5,6 @@ other and is not tried again. Photos are tasks, and the cells of a subject wait 
 no GPU is held while photos are rendered.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import platform

@@ -9,8 +9,6 @@ maps are scored, and how the scan's normals are handed out, counts only for meth
 use it: a method without the name ``Body`` anywhere in its code cannot hand out a body.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

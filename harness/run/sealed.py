@@ -5,8 +5,6 @@ evaluating it, scoring meshes on it and drawing it needs a reason and adds a lin
 the work begins, so that an interrupted look is in the log as well.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

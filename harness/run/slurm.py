@@ -5,8 +5,6 @@ machines see; the folder tells what is done. Elements that end without all their
 their machine was lost or their time was up, are submitted again with what is left.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

@@ -5,8 +5,6 @@ found with them, as it would with a user's photos; what it makes is brought to t
 Sim(3) that takes the found cameras to the true ones, never by its surface.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Mapping, Sequence

@@ -6,8 +6,6 @@ most nearly from there, all together, and each photo once. Views beyond the eigh
 ring itself. And what a method is given beyond these photos, where that follows from them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

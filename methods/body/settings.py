@@ -1,7 +1,5 @@
 """Settings of a body fit: which body, how far the fit goes, and the weights of its cost."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal

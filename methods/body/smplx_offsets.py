@@ -6,8 +6,6 @@ smplx``, on scans whose SMPL-X body is known. They hold for all model files, whi
 vertices alike. Where nothing was measured, all offsets are zero, and the parts of a method say so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ with signs: where two sheets have crossed the count is 0 or less, which is outsi
 overlap it is 2, which is inside as 1 is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ and ``world_to_camera`` (S, 4, 4) of its photos, OpenCV axes, on the photos' pix
 beside a result is told in the record.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a foreign method's result depends on besides photos: its files, its Python, its packages."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

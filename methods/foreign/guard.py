@@ -4,8 +4,6 @@ Standard library only: ``python guard.py PARENT WORD...``. The exit status is th
 On Linux, processes that the command left behind become children of this one, and are ended, too.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

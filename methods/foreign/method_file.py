@@ -15,8 +15,6 @@ voxel_m = 0.02
 source = "https://example.org/code"
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping

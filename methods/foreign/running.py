@@ -1,7 +1,5 @@
 """A foreign process that is followed to its end, and stopped with the run."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -4,8 +4,6 @@ Source: Xiu et al., "ECON", CVPR 2023, section 3.3 (ECON_IF), and its public cod
 body and of both sheets in a cube, occupancy on a lattice, its surface decimated and smoothed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

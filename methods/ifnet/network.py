@@ -6,8 +6,6 @@ CVPR 2023). It is in two parts: what is computed once for a subject, and what is
 point. Names of layers are those of the tensors in the checkpoint.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ its size and sha256, its licence and what it was trained on. A network is checke
 before it is used, so that a record's hash is that of what ran.
 """
 
-from __future__ import annotations
-
 import functools
 import re
 import shutil

@@ -17,8 +17,6 @@ metadata says:
   has to have that; without it, it gets the method's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

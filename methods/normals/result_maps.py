@@ -4,8 +4,6 @@ Apart from ``view_maps``, which the body fit uses as well: how normal maps are s
 methods whose code names ``NormalMaps``, and only for them.
 """
 
-from __future__ import annotations
-
 from harness.core.artifacts import NormalMaps
 from methods.normals.view_maps import ViewMaps, filled_normals
 

@@ -1,7 +1,5 @@
 """Settings of the N-view fusion, each with where its value is from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from harness.core.errors import HarnessError

@@ -1,7 +1,5 @@
 """One sparse linear least-squares problem: how far each vertex moves along its direction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

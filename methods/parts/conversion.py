@@ -1,7 +1,5 @@
 """Bring a checkpoint into ONNX."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

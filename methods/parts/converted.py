@@ -1,7 +1,5 @@
 """The kind of part ``econ-normal``: ECON's ``normal.ckpt``, converted to two ONNX files."""
 
-from __future__ import annotations
-
 from methods.parts.kind import About
 from methods.parts.store import ConvertedKind
 

@@ -1,7 +1,5 @@
 """What a kind of part is: its role and licence, how a file of it is imported, found and checked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path

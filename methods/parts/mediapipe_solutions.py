@@ -1,7 +1,5 @@
 """MediaPipe, which finds landmarks and marks people (0.10.21, Apache-2.0, models in its wheel)."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any

@@ -1,7 +1,5 @@
 """Networks are run by onnxruntime: on the processor, or on a GPU where its build has one."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

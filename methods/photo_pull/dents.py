@@ -7,8 +7,6 @@ closed first, as if cloth spanned every hollow, and photos are asked around the 
 in front of which they agree on points is filled; armpits and the gap between legs are not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

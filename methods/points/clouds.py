@@ -1,7 +1,5 @@
 """A cloud of points to what a surface is made through: chosen, and facing outwards."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ of the points takes such parts away again, which leaves it open. Which of the tw
 better depends on the number, so that both can be had.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

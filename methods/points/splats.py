@@ -6,8 +6,6 @@ through all Gaussians that belong to it, whatever their order: front to back, th
 sloping layer would count more, and the surface would lie before itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

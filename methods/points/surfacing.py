@@ -5,8 +5,6 @@ and not in the meshing. Gaussians become depth maps first; depth maps and clouds
 points, and these one closed mesh by screened Poisson reconstruction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ ECON has both variants: ECON_IF with the network, ECON_EX with the body. MExECON
 network, its public code takes the body.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 

@@ -5,8 +5,6 @@ MExECON builds. What the two codes do beyond the texts counts as published where
 silent; where a code contradicts its paper, the paper counts and the entry says so.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from harness.core.protocols import Deviation

@@ -5,8 +5,6 @@ by comparison, so that none can be forgotten; a setting that differs without a w
 set by the user. Differences that no setting shows are written down as steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -7,8 +7,6 @@ seconds on the first run and are kept in the user's cache folder (``WARP_CACHE_P
 Warp reads its own language from the functions here, so they are plainer than Python elsewhere.
 """
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A closed mesh as a membrane: averages over neighbours, and motions that are smooth along it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -6,8 +6,6 @@ holds a plane; it tries depths around a start surface, then the planes of its ne
 ones near its own, and keeps what correlates best with the views beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The settings of photo-consistency, each with where its value comes from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from harness.core.errors import HarnessError

@@ -1,7 +1,5 @@
 """Photo-consistency from end to end: photos and a start surface to a finished surface."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A photo of the subject as stereo sees it: brightness, where the subject is, and the camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

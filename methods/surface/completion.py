@@ -7,8 +7,6 @@ by an offset that is smooth over the surface: one linear system, and between the
 sheet, where nothing is seen, the body stands off by as much as the clothes do on both sides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,8 +4,6 @@ Source: Kazhdan and Hoppe, "Screened Poisson surface reconstruction", TOG 2013, 
 ECON and MExECON end in the same step (depth 10, largest component, 50 000 faces).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """One normal map to one depth map."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import label

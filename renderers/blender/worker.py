@@ -5,8 +5,6 @@ Started by ``job`` in a separate process; the only module of the renderers that 
 # bpy is a compiled module without types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

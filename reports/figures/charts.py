@@ -1,7 +1,5 @@
 """The views figure: error over the number of photos, a line for each method."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

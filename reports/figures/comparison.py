@@ -3,8 +3,6 @@
 Meshes are seen through the capture's own cameras; nothing is drawn on a screen.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass

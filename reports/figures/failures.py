@@ -4,8 +4,6 @@ The mean over a person hides a lost hand. Here the region with the largest error
 it should be, and named with its number.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

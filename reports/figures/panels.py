@@ -1,7 +1,5 @@
 """What all figures share: photos on white, panels of one size, a canvas without a screen."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A sheet for the eye: photos, and what a method made of them, from where the photos were taken."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ The output is plain ASCII and needs ``\usepackage{booktabs}`` alone. What a cell
 Before: ``harness/run/evaluate.py``. After: nothing; this is the last stop.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The same table for programs: CSV and JSON, with unrounded numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The page's data as scripts, since a page opened from disk may load scripts and nothing else."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Mapping, Sequence

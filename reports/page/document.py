@@ -1,7 +1,5 @@
 """The page itself: head, viewer, tables, methods and failures, as one HTML document."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape

@@ -1,7 +1,5 @@
 """A page becomes a folder that can be copied anywhere and opened from there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a page shows, as plain values: nothing here knows of files or of HTML."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ row. ``printed.py`` has the paper's tables, ``stored.py`` reads the results by s
 files beside it, ``table.py`` makes the table of both.
 """
 
-from __future__ import annotations
-
 from reports.published.printed import (
     PUBLISHED,
     UNIT_NOTE,

@@ -4,8 +4,6 @@ Only numbers whose table or page is known are here; where a publication's number
 that is said. No number stands without its protocol, split and privileges.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The numbers printed in the MExECON paper, as data with their source."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The table of published numbers alone: means or differences, and the printed table below."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """``harness check``: which numbers moved since the baseline, and what else changed with them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

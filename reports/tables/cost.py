@@ -1,7 +1,5 @@
 """The cost table: wall time and peak memory of each method and of its stages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The geometry table: how far each method's surface is from the scan, mean over subjects."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from statistics import fmean

@@ -3,8 +3,6 @@
 The paper's ablation of JMBO, and beside its losses what only subjects with a known body can tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 

@@ -8,8 +8,6 @@ A method may also be compared with itself, as other records have it: with anothe
 by an earlier version.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean

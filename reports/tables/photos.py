@@ -1,7 +1,5 @@
 """The photos table: what photos and the mesh itself tell of each method, without any scan."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean

@@ -4,8 +4,6 @@ A rank's interval is of bootstraps over subjects: whether another twenty people 
 the methods so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The columns in print are completeness alone, which missing limbs raise and nothi
 accuracy, normals, and the shares of missing and bulging surface go to CSV and JSON.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

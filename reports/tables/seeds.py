@@ -5,8 +5,6 @@ the subjects' own values, each averaged over its seeds. A difference between two
 smaller than the first is one of chance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, stdev

@@ -4,8 +4,6 @@ Rounding, which cells are best, which rows carry which footnote and what the cap
 same in LaTeX, Markdown, CSV and JSON because they are decided once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean

@@ -1,7 +1,5 @@
 """The views table: how the error falls with the number of photos that a method is given."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

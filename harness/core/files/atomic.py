@@ -1,7 +1,5 @@
 """Atomic writes, and locks that are released when their process dies."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

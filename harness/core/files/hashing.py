@@ -1,7 +1,5 @@
 """Content ids and seeds: equal inputs give equal ids, and different inputs give different ones."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

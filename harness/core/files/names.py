@@ -9,8 +9,6 @@ that folder and outside the folders that the user named is refused. What the use
 be a link; a link inside it may not lead out of it.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

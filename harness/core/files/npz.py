@@ -1,7 +1,5 @@
 """NPZ files of arrays: written atomically, and read after their headers have been checked."""
 
-from __future__ import annotations
-
 import math
 import struct
 import tokenize

@@ -8,8 +8,6 @@ Run as a program, this file is the server, and imports nothing of ours: a child 
 it is then. The server ends when the process that started it does, and its children end with it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import importlib

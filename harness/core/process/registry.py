@@ -1,7 +1,5 @@
 """Lazy registries: a name becomes an object on first use, so listing names imports nothing."""
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Iterator

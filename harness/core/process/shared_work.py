@@ -4,8 +4,6 @@ A method says what it wants made and what that depends on; the pipeline lends it
 knows whether it was made before. Without one, ``alone`` makes everything anew.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar

@@ -1,7 +1,5 @@
 """Threads, memory and progress of one process."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

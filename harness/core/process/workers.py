@@ -4,8 +4,6 @@ Blender, torch and Open3D never share a process. Each job runs in a fresh interp
 of one, that ends with its parent, so that a killed run leaves no processes behind.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import os

@@ -1,7 +1,5 @@
 """What every human body has in common: which joints bend how far, and where landmarks sit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which body model a name stands for."""
 
-from __future__ import annotations
-
 from harness.core.process.threads import give_freed_memory_back
 from methods.body.models import anny_body, smplx_file
 from methods.body.models.anny_body import AnnyBody

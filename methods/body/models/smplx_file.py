@@ -4,8 +4,6 @@ The package unpickles whatever file it is named, so it is never named the user's
 that holds the checked arrays and nothing else.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import importlib.util

@@ -1,7 +1,5 @@
 """The kind of part ``smplx``: SMPL-X's model files, of which a user may import several."""
 
-from __future__ import annotations
-
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Source: the authors' answers in the dataset's issues (22, 23): the male model, h
 12 principal components about the model's mean hand, and first the scale, then the translation.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass

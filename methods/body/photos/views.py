@@ -1,7 +1,5 @@
 """A view as the fit sees it: its mask at a working size, its landmarks, its frame of reference."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

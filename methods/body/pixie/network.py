@@ -4,8 +4,6 @@ Feng et al., "Collaborative Regression of Expressive Bodies using Moderation", 3
 layers are those of the tensors in the checkpoint.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Mapping

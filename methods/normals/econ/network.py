@@ -6,8 +6,6 @@ ECON (Xiu et al., CVPR 2023) has one for the front, ``netF``, and one for the ba
 positions of the layers in each ``Sequential`` are the names of the tensors in the checkpoint.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from pathlib import Path
