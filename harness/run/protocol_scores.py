@@ -109,10 +109,9 @@ def _scored(
                     require_aligned(record.method, protocol)
                 except ProtocolMismatch as error:
                     known[protocol.name] = _filed(stamps[protocol.name], sha256, error)
-            if scan.body_path is not None:
-                for name in bodies:
-                    made = folder.directory / BODY_FILE
-                    known[name] = body_score(made, scan, BODY_PROTOCOLS[name], sha256)
+            for name in bodies:
+                made = folder.directory / BODY_FILE
+                known[name] = body_score(made, scan, BODY_PROTOCOLS[name], sha256)
             ProtocolScores(tuple(known.values())).save(folder.directory)
     return [known[name] for name in (*stamps, *wanted) if name in known]
 
@@ -124,7 +123,7 @@ def body_score(path: Path, scan: Scan, protocol: BodyProtocol, mesh_sha256: str)
 
     Args:
         path: ``body.npz`` of a result.
-        scan: With a true body beside it.
+        scan: Perhaps with a true body beside it.
         protocol: Which joints and which root.
         mesh_sha256: Of the result's mesh.
 
@@ -132,11 +131,14 @@ def body_score(path: Path, scan: Scan, protocol: BodyProtocol, mesh_sha256: str)
         DataError: a file that cannot be read.
     """
     stamp, truth = _BODY_STAMPS[protocol.name], true_body(scan)
+    if truth is None:
+        reason = f"the scan of '{scan.subject}' has no true body"
+        return ProtocolScore(stamp, mesh_sha256, reason=reason)
     body = read_array_npz(
         path, ("vertices", "joints", "parameter_joint_names", f"parameter_{_POSE}")
     )
     names = tuple(str(name) for name in body.get("parameter_joint_names", ()))
-    if truth is None or names != truth.joint_names or not set(_JOINTS.values()) <= set(names):
+    if names != truth.joint_names or not set(_JOINTS.values()) <= set(names):
         reason = f"{path.name} and the true body are not both Anny's: joints have other names"
         return ProtocolScore(stamp, mesh_sha256, reason=reason)
     poses = body.get(f"parameter_{_POSE}"), truth.pose
@@ -152,12 +154,11 @@ def body_score(path: Path, scan: Scan, protocol: BodyProtocol, mesh_sha256: str)
             strict=True,
         )
     )  # fmt: skip
-    lacking = [
-        file for file, pose in zip((path, scan.body_path), poses, strict=True) if pose is None
-    ]
+    whose = f"the result's {path.name}", "the true body"
+    lacking = [each for each, pose in zip(whose, poses, strict=True) if pose is None]
     reason = ""
     if protocol.turned and lacking:
-        reason = f"no MPJAE: {' and '.join(map(str, lacking))} has no {_POSE}, so no rotations"
+        reason = f"no MPJAE: no {_POSE}, so no rotations, in {' and in '.join(lacking)}"
     numbers = body_numbers(mine, true, protocol)
     return ProtocolScore(stamp, mesh_sha256, metrics=numbers, reason=reason)
 

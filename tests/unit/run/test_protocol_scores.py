@@ -163,11 +163,14 @@ def test_a_body_is_measured_by_its_joints_in_the_places_of_smpls(bodies):
         assert numbers["mpjpe"].value == pytest.approx(10 * 4 / count)
         assert numbers["pve"].value == pytest.approx(3)
         assert set(numbers) == LENGTHS
-    assert "body.npz has no pose_parameters" in found["body-emdb"].reason
+    assert found["body-emdb"].reason.endswith("so no rotations, in the result's body.npz")
     assert found["body-3dpw14"].reason == ""
     assert "not the crown" in found["body-3dpw14"].protocol.settings["differs"]
     other = bodies(names=NAMES[::-1])["body-emdb"]
     assert (other.metrics, "not both Anny's" in other.reason) == ({}, True)
+    alone = SimpleNamespace(body_path=None, subject="0004")
+    without = body_score(Path("body.npz"), alone, BODY_PROTOCOLS["body-emdb"], "")
+    assert (without.metrics, without.reason) == ({}, "the scan of '0004' has no true body")
 
 
 def test_angles_are_of_joints_with_all_that_their_bones_hang_on(bodies):
