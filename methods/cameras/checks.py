@@ -29,6 +29,8 @@ _PLENTY = 4 * LEAST_MATCHES
 _MOST_OFF_M, _MOST_APART_M = 0.0012, 0.003
 #: People who stand still have less than these of ``swayed``.
 _MOST_BENT, _MOST_CONTRADICTED = 3.0, 1.1
+#: Fewer points that two pairs see do not tell such people from chance.
+_LEAST_TWICE = 2 * LEAST_MATCHES
 #: A standard deviation is so many medians of the sizes.
 _TYPICAL = 1.4826
 #: So many ways in which all cameras together can move without a photo telling: turn, shift, scale.
@@ -130,7 +132,7 @@ def swayed(rig: Rig, matches: Matches) -> tuple[float, float]:
         typical contradiction of two pairs. Both are 0 where too few points are seen by two pairs.
     """
     told, (this, other) = met(rig, matches), matches.twice.T
-    if len(this) < LEAST_MATCHES:
+    if len(this) < _LEAST_TWICE:
         return 0.0, 0.0
     apart = told.out_m[this] - told.out_m[other]
     noise_px, apart_m = (_typical(each) for each in (told.off_px, apart))
