@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from harness.core.camera import Camera
+from methods.cameras.adjustment import Rig
 from methods.cameras.estimate import estimate_cameras, refine_cameras
+from methods.cameras.search import upright_line
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
 from tests.unit.methods.cameras.conftest import Taken, errors_deg, turned
 
@@ -37,11 +39,15 @@ def test_cameras_are_found(taken, found):
     assert found.left_out == ()
     assert all(photo.match_px < 0.15 for photo in found.photos)
     assert [stage.name for stage in found.stages[:3]] == ["landmarks", "outlines", "photos 1"]
-    # Metres, upright and from the front: as the figure itself stands.
+    # Metres and from the front, as the figure itself stands; upright as cameras are that roll.
+    up = upright_line(Rig.of(taken.cameras))
+    up *= np.sign(up[1])
     for own, known in zip(found.cameras, taken.cameras, strict=True):
         assert own is not None
         assert np.linalg.norm(own.position - known.position) < 0.25
-        assert own.position[1] == pytest.approx(known.position[1], abs=0.05)
+        above = float((known.position - taken.mesh.bounds.mean(axis=0)) @ up)
+        assert own.position[1] == pytest.approx(above, abs=0.025)
+    assert found.warnings == ()
 
 
 def test_the_order_of_photos_changes_no_bit(taken, found):
