@@ -17,8 +17,7 @@ from harness.core.files.npz import write_npz
 from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
 from harness.data.layouts import Companions, named_files, ply_pictures
-from harness.data.scans import ADDED
-from harness.data.stature import stature
+from harness.data.scans import ADDED, stature
 from harness.data.texture_atlas import Paint, joined, paint_of_corners
 from harness.files.coloured_mesh import FileColours
 from harness.files.gltf import GlbPart, read_glb_parts

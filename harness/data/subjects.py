@@ -18,8 +18,7 @@ from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
 from harness.core.metric_catalog import UNITS_RULE
 from harness.core.process.source_digest import SourceTree
-from harness.data.scans import height_warnings, load_scan, locate_scan
-from harness.data.stature import stature
+from harness.data.scans import height_warnings, load_scan, locate_scan, stature
 from harness.data.thuman import (
     CheckedSurface,
     FileCheck,

@@ -21,7 +21,7 @@ from harness.data.converted_scans import Conversion, convert_scan, is_converted,
 from harness.data.field_sets import FieldSet, field_set, find_field
 from harness.data.layouts import Companions, FoundFolder, Layout, find_layout
 from harness.data.manifest import Dataset, Manifest, installed_manifest_path, load_manifest
-from harness.data.stature import stature
+from harness.data.scans import stature
 from harness.data.subjects import load_subject
 from harness.files.mtl import materials_of
 from harness.geometry.images import load_rgb

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.core.mesh import Mesh
-from harness.data.stature import stature
+from harness.data.scans import stature
 from tests.box_person import box_person
 
 PERSON = box_person(1.7)
