@@ -16,7 +16,7 @@ ECON_NORMALS = ConvertedKind(
         "ckpt/",
         files=("normal.ckpt",),
     ),
-    "methods.normals.econ.network:examine",
+    "methods.normals.econ_network:examine",
     "harness eval --method econ --set surface.normals=econ --set body.normals=econ",
 )
 

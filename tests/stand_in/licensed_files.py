@@ -18,7 +18,7 @@ from harness.core.arrays import Floats
 from methods.body.pixie.network import PixieBody
 from methods.ifnet import network as ifnet
 from methods.ifnet.network import FEATURES, IfNet
-from methods.normals.econ.network import NormalGenerator
+from methods.normals.econ_network import NormalGenerator
 from methods.parts.conversion import bare, shapes_of
 from methods.parts.converted import FILES
 

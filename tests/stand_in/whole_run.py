@@ -29,7 +29,7 @@ from thuman_tree import SCANS, fit_bytes, write_subject
 
 from harness.core.arrays import Floats
 from harness.files.mesh_files import load_mesh
-from methods.normals.econ import network as convert
+from methods.normals import econ_network as convert
 from methods.parts.converted import ECON_NORMALS
 from methods.parts.kind import ImportOptions
 

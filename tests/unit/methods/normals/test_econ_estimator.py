@@ -13,9 +13,9 @@ from harness.core.files.hashing import file_sha256
 from harness.geometry.raycast import Raycaster
 from harness.run.method_choice import ChosenMethod
 from methods.normals import NormalChoice, view_maps, working_view
-from methods.normals.econ import network as convert
-from methods.normals.econ.estimator import BACKGROUND, SIDE_PX, econ_normals
-from methods.normals.econ.network import NormalGenerator
+from methods.normals import econ_network as convert
+from methods.normals.econ_network import NormalGenerator
+from methods.normals.estimators import BACKGROUND, SIDE_PX, econ_normals
 from methods.parts.conversion import bare, shapes_of
 from methods.parts.converted import ECON_NORMALS, FILES
 from methods.parts.kind import ImportOptions

@@ -11,8 +11,8 @@ import torch
 from torch import nn
 
 from harness.core.errors import DataError
-from methods.normals.econ import network as convert
-from methods.normals.econ.network import NormalGenerator
+from methods.normals import econ_network as convert
+from methods.normals.econ_network import NormalGenerator
 from methods.parts import conversion as torch_layers
 from methods.parts.conversion import bare, filled, shapes_of
 from methods.parts.converted import FILES

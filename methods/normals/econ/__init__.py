@@ -1,1 +1,0 @@
-"""ECON's normal networks, from the user's own ``normal.ckpt``."""
