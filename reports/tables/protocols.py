@@ -42,6 +42,7 @@ def protocols_table(
     rows = [group for group in selection.groups if group.ok]
     stamps = _stamps(selection, scores)
     columns: list[Column] = []
+    told: list[str] = []
     cells: dict[str, dict[str, Cell]] = {group.method: {} for group in rows}
     for stamp in stamps:
         key, unit, higher = _first(stamp)
@@ -50,6 +51,7 @@ def protocols_table(
         if not common:
             continue
         columns += _columns(stamp, key, unit)
+        told.append(stamp.text)
         chosen = sorted(common)
         matrix = np.array([[values[group.method][s] for s in chosen] for group in rows])
         ranks, low, high = _ranks(-matrix if higher else matrix)
@@ -70,7 +72,7 @@ def protocols_table(
         remarks=(
             *selection.remarks,
             "Ranks have 95 % intervals of bootstraps over subjects; numbers of different protocols "
-            "are not comparable: " + "; ".join(stamp.text for stamp in stamps),
+            "are not comparable: " + "; ".join(told),
         ),
     )
 

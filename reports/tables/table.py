@@ -210,7 +210,7 @@ class Table:
             f"photos {self.recipe or 'made elsewhere'}"
         )
         if self.protocol is None:
-            return [measured_on, self.origin]
+            return [measured_on, *filter(None, [self.origin])]
         return [measured_on, f"Metric protocol {self.protocol.text}"]
 
     def _where_best(self) -> str:
