@@ -1,4 +1,8 @@
-"""How far estimated cameras are from the true ones, pair by pair and after a Sim(3) by cameras."""
+"""How far estimated cameras are from the true ones, pair by pair and after a Sim(3) by cameras.
+
+Positions are compared after the similarity of the centres, as others do, pixels after that of the
+pictures: what no photo shows is no error there.
+"""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -10,7 +14,7 @@ from harness.core.camera import Camera
 from harness.core.errors import MethodError
 from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.records import MetricValue
-from harness.geometry.similarity import camera_similarity
+from harness.geometry.similarity import camera_similarity, similarity_of_pictures
 
 #: Thresholds of the area under the curve, degrees, as VGGT and its kin print them.
 AUC_DEG = (1, 3, 5, 10)
@@ -36,12 +40,14 @@ def camera_errors(
     pairs = list(combinations(range(len(known)), 2))
     turns, ways = (np.array([error(found, known, *pair) for pair in pairs])
                    for error in (_turn_deg, _direction_deg))  # fmt: skip
-    move = camera_similarity(found, known).similarity
-    moved = [move.camera(camera) for camera in found]
-    apart = [MM_PER_METRE * float(np.linalg.norm(a.position - b.position))
-             for a, b in zip(moved, known, strict=True)]  # fmt: skip
-    pixels = [np.linalg.norm(a.project(points)[0] - b.project(points)[0], axis=1)
-              for a, b in zip(moved, known, strict=True)]  # fmt: skip
+    by_centres = camera_similarity(found, known).similarity
+    by_pictures = similarity_of_pictures(found, known)
+    apart = [MM_PER_METRE * float(np.linalg.norm(by_centres.camera(a).position - b.position))
+             for a, b in zip(found, known, strict=True)]  # fmt: skip
+    pixels = [
+        np.linalg.norm(by_pictures.camera(a).project(points)[0] - b.project(points)[0], axis=1)
+        for a, b in zip(found, known, strict=True)
+    ]
     seen = np.concatenate(pixels)
     seen = seen[np.isfinite(seen)]
     if not len(seen):

@@ -18,7 +18,7 @@ from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.protocol_stages import UNALIGNED, Aligned, Alignment, Frame
 from harness.core.settings import MetricProtocol
 from harness.geometry.coinciding import merged_positions
-from harness.geometry.similarity import camera_similarity
+from harness.geometry.similarity import similarity_of_pictures
 from harness.geometry.surface import SurfaceIndex, SurfacePoints, raycasting_scene, search_nearest
 from metrics.distance import (
     NearestPoints,
@@ -89,7 +89,7 @@ def aligned(predicted: SurfaceIndex, truth: SurfaceIndex, how: Alignment) -> Ali
 def aligned_by_cameras(
     predicted: Mesh, truth: SurfaceIndex, found: Sequence[Camera], known: Sequence[Camera]
 ) -> Aligned:
-    """The Sim(3) that takes the cameras of a prediction to the true ones, never by its surface.
+    """The Sim(3) by which a prediction's cameras show what true ones do, never by its surface.
 
     Args:
         predicted: In the world of ``found``.
@@ -100,7 +100,7 @@ def aligned_by_cameras(
     Raises:
         MethodError: cameras that do not stand as the true ones do, or are mirrored.
     """
-    matrix = camera_similarity(found, known).similarity.matrix
+    matrix = similarity_of_pictures(found, known).matrix
     vertices = readers_vertices(predicted, merged_positions(predicted.vertices))
     return _told("sim3-cameras", matrix, 0, predicted, truth, vertices)
 

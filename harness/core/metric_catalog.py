@@ -132,7 +132,7 @@ _DESCRIPTIONS = (
     MetricDescription(
         "camera_reprojection", "Reprojection", "Reprojection", Unit.pixel.value, 2, _CAMERAS,
         "Root mean square distance between where estimated and true cameras see points of the "
-        "scan, after a Sim(3) by cameras.",
+        "scan, after the Sim(3) by which they show a cube before them alike.",
     ),
 )  # fmt: skip
 

@@ -3,7 +3,8 @@
 It is found from the cameras' centres and the directions of all three of their axes (Umeyama,
 "Least-squares estimation of transformation parameters between two point patterns", PAMI 1991). The
 axes matter where the centres lie on a line, as those of two views always do: about that line the
-centres alone say nothing.
+centres alone say nothing. Where cameras of the same pixels are compared, what they show counts:
+errors of a centre and of a rotation that no pixel tells apart then move nothing.
 """
 
 from __future__ import annotations
@@ -137,6 +138,66 @@ def camera_similarity(found: Sequence[Camera], known: Sequence[Camera]) -> Camer
             hint=_NOT_UNDERSTOOD,
         )
     return fit
+
+
+def similarity_of_pictures(found: Sequence[Camera], known: Sequence[Camera]) -> Similarity:
+    """The similarity after which found cameras show what known ones look at in the same pixels.
+
+    Least squares in pixels over a cube about the point that the known cameras look at, from
+    ``camera_similarity`` on. A focal length that is off, with a distance that makes up for it,
+    leaves the size of what stands there right; the centres alone would scale it.
+
+    Args:
+        found: Estimated cameras, of the known ones' photos and sizes.
+        known: The known ones.
+
+    Raises:
+        MethodError: as ``camera_similarity``, or a found camera does not see the cube.
+    """
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
+
+    start = camera_similarity(found, known).similarity
+    middle, reach = _looked_at(known)
+    around = reach * np.stack(np.meshgrid(*3 * [(-1.0, 0.0, 1.0)]), axis=-1).reshape(-1, 3)
+    goal = np.concatenate([camera.project(middle + around)[0] for camera in known])
+    back = Similarity.of(np.linalg.inv(start.matrix))
+
+    def placed(x: Floats) -> Similarity:
+        """From the known cameras' world to the found ones'; ``x`` turns, shifts and scales it."""
+        rotation, scale = Rotation.from_rotvec(x[:3]).as_matrix(), float(np.exp(x[6]))
+        return Similarity(
+            scale, rotation, middle + reach * x[3:6] - scale * rotation @ middle
+        ).then(back)
+
+    def off_px(x: Floats) -> Floats:
+        points = placed(x).points(middle + around)
+        seen = np.concatenate([camera.project(points)[0] for camera in found])
+        return (seen - goal)[np.isfinite(goal)]
+
+    if not np.isfinite(off_px(np.zeros(7))).all():
+        raise MethodError(
+            "the estimated cameras do not see what the known ones look at", hint=_NOT_UNDERSTOOD
+        )
+    best = least_squares(off_px, np.zeros(7), method="lm").x
+    return Similarity.of(np.linalg.inv(placed(best).matrix))
+
+
+def _looked_at(cameras: Sequence[Camera]) -> tuple[Floats, float]:
+    """(3,) the point nearest to all optical axes, and half the side of a cube that they see."""
+    centres = np.stack([camera.position for camera in cameras])
+    ahead = np.stack([camera.forward for camera in cameras])
+    across = np.eye(3) - ahead[:, :, None] * ahead[:, None]
+    about = centres.mean(axis=0)
+    # Opposite cameras have one axis: then the place in the middle.
+    to_axes = np.einsum("nij,nj->i", across, centres - about)
+    middle = about + np.linalg.lstsq(across.sum(axis=0), to_axes, rcond=1e-6)[0]
+    reach = [
+        0.5 * min(camera.width, camera.height) * depth / camera.K[0, 0]
+        for camera in cameras
+        for depth in camera.spread(camera.project(middle[None])[1])
+    ]
+    return middle, float(min(reach)) / 2
 
 
 def point_similarity(start: Floats, end: Floats) -> Similarity:

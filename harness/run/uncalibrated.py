@@ -2,7 +2,7 @@
 
 The cameras are withheld and found again from the photos. A method works in the world that was
 found with them, as it would with a user's photos; what it makes is brought to the scan by the
-Sim(3) that takes the found cameras to the true ones, never by its surface.
+Sim(3) by which found cameras show what true ones do, never by its surface.
 """
 
 import math
@@ -29,7 +29,7 @@ from harness.core.protocols import MethodInfo, Privilege
 from harness.core.records import Scores
 from harness.core.typed_json import to_json
 from harness.geometry.images import load_rgba
-from harness.geometry.similarity import Similarity, camera_similarity
+from harness.geometry.similarity import Similarity, similarity_of_pictures
 from harness.geometry.surface import SurfaceIndex
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
 from metrics.cameras import camera_errors
@@ -97,7 +97,7 @@ def estimated_capture(
     kept = [view for view, camera in enumerate(found.cameras) if camera is not None]
     own = [camera for camera in found.cameras if camera is not None]
     known = [_true_cameras(photos)[view] for view in kept]
-    move = camera_similarity(own, known).similarity
+    move = similarity_of_pictures(own, known)
     x, _, z = move.rotation[:, 2]  # where the person faces
     images = [image_name(number) for number in range(len(kept))]
     with atomic_directory(directory) as folder:

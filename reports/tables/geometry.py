@@ -159,7 +159,7 @@ def cameras_table(
         ],
         remarks=(
             "Rotation, direction and AUC over all pairs of photos; position and reprojection of "
-            "points of the scan after a Sim(3) by cameras",
+            "points of the scan, each after a Sim(3) by cameras",
             *selection.remarks,
             *filter(None, [selection.absence(shown, _has_cameras, "estimated cameras")]),
         ),

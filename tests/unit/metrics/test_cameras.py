@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
 
 from harness.core.camera import Camera
 from harness.core.metric_catalog import METRICS
 from harness.core.rigs import RingRig
-from harness.geometry.similarity import Similarity
+from harness.geometry.similarity import Similarity, camera_similarity, similarity_of_pictures
 from metrics.cameras import camera_errors
 
 KNOWN = RingRig().cameras(108, 192)
@@ -58,12 +60,53 @@ def test_every_camera_turned_about_its_axis_keeps_positions():
     assert errors["camera_reprojection"] > 0.1
 
 
+def longer(camera: Camera, share: float, distance: float = 1.0) -> Camera:
+    """With a focal length that is longer by a share, from further away."""
+    middle = np.array([camera.width / 2, camera.height / 2])
+    K = np.diag([1 + share, 1 + share, 1]) @ camera.K
+    K[:2, 2] = middle
+    pose = camera.world_to_camera.copy()
+    pose[:3, 3] *= distance
+    return replace(camera, K=K, world_to_camera=pose)
+
+
 def test_a_wrong_focal_length_is_seen_in_pixels_alone():
-    wide = [replace(camera, K=np.diag([1.05, 1.05, 1]) @ camera.K) for camera in KNOWN]
-    middle = np.array([[1, 0, -0.05 * 54], [0, 1, -0.05 * 96], [0, 0, 1.0]])
-    wide = [replace(camera, K=middle @ camera.K) for camera in wide]
-    errors = {name: each.value for name, each in camera_errors(wide, KNOWN, POINTS).items()}
+    """Another size makes up for most of it, as in an estimate, which has no other."""
+    found = [longer(camera, 0.05) for camera in KNOWN]
+    errors = {name: each.value for name, each in camera_errors(found, KNOWN, POINTS).items()}
     assert errors["camera_rotation"] == pytest.approx(0, abs=1e-5)
-    away = [camera.project(POINTS)[0] - [54, 96] for camera in KNOWN]
-    expected = 0.05 * np.sqrt((np.concatenate(away) ** 2).sum(axis=1).mean())
-    assert errors["camera_reprojection"] == pytest.approx(expected, rel=1e-6)
+    assert errors["camera_position"] == pytest.approx(0, abs=1e-5)
+
+    def left(size: float) -> float:
+        pairs = zip(found, KNOWN, strict=True)
+        off = [a.project(size * POINTS)[0] - b.project(POINTS)[0] for a, b in pairs]
+        return float(np.sqrt((np.concatenate(off) ** 2).sum(axis=1).mean()))
+
+    expected = minimize_scalar(left, bounds=(0.9, 1.1), method="bounded").fun
+    assert errors["camera_reprojection"] == pytest.approx(expected, rel=0.02)
+
+
+def test_a_focal_length_and_a_distance_leave_sizes_as_they_are():
+    found = [longer(camera, 0.01, 1.01) for camera in KNOWN]
+    assert similarity_of_pictures(found, KNOWN).scale == pytest.approx(1.0, abs=3e-4)
+    assert camera_similarity(found, KNOWN).similarity.scale == pytest.approx(1 / 1.01, abs=1e-6)
+
+
+def test_cameras_that_turn_about_what_they_look_at_move_nothing_there():
+    """A place that every camera shows in its old pixel stays where it is, by the pictures alone."""
+    there = np.array([[0.05, 0.1, -0.05]])
+    found = []
+    for view, camera in enumerate(KNOWN):
+        turn = Rotation.from_rotvec(np.radians(0.3) * np.eye(3)[view % 3]).as_matrix()
+        pose = camera.world_to_camera.copy()
+        pose[:3, :3] = camera.rotation @ turn
+        pose[:3, 3] += camera.rotation @ (there[0] - turn @ there[0])
+        found.append(replace(camera, world_to_camera=pose))
+    off_m = [
+        float(np.linalg.norm(move.points(there) - there))
+        for move in (
+            similarity_of_pictures(found, KNOWN),
+            camera_similarity(found, KNOWN).similarity,
+        )
+    ]
+    assert off_m[0] < 2e-4 < 4e-4 < off_m[1]
