@@ -26,9 +26,9 @@ def quickstart(
 ) -> None:
     """Make two avatars, run four methods, and show the results.
 
-    Each avatar is photographed from eight sides, and a page shows all results. It takes about four
-    minutes on two cores, with a table after each method; the last one, mexecon+, is run on the
-    first avatar alone. The same command continues after a stop.
+    Each avatar is photographed from eight sides, and a page shows all results. It takes four to
+    seven minutes on two cores, with a table after each method; the last one, mexecon+, is run on
+    the first avatar alone. The same command continues after a stop.
     """
     with shown_progress(quiet=as_json) as progress:
         place = Workspace.default(workspace)
