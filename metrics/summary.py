@@ -225,10 +225,8 @@ def _of_both(placed: Placed, protocol: MetricProtocol, column: Column) -> Metric
     if protocol.pictures is None:
         raise HarnessError(f"protocol {protocol.name} does not say how its pictures are made")
     window = Window(float(true.centre[1]), placed.per_metre)
-    how, portraits = (
-        protocol.pictures,
-        (placed.mine.portraits(window), placed.true.portraits(window)),
-    )
+    how = protocol.pictures
+    portraits = placed.mine.portraits(window), placed.true.portraits(window)
     value = placed.kept.once(("pictures", window, how), lambda: rendered_distance(*portraits, how))
     return MetricValue(value, column.unit, 4, 0.0)
 
