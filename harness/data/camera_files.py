@@ -27,6 +27,8 @@ from harness.data.pictures import NamedPictures, photo_folder, picture_facts
 
 _ORDINARY = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = "OPENCV_FISHEYE"
+#: Parallel rays, whose focal lengths are pixels per unit of length.
+_PARALLEL = "ORTHOPHOTO"
 #: Other ways to tell cameras and poses that instant-ngp or nerfstudio read.
 _OTHER_KINDS = ("ftheta_p0", "latlong", "equirectangular", "orthographic", "from_mitsuba",
                 "distortion_params", "distortion", "rolling_shutter")  # fmt: skip
@@ -95,12 +97,18 @@ def _view(
     width, height = _number(values, "w"), _number(values, "h")
     if width is None or height is None:
         width, height = size(image)
-    fx, fy = _focal_lengths(frame, document, (width, height))
+    is_parallel = values.get("camera_model") == _PARALLEL
+    spanned = (0.0, 0.0) if is_parallel else (width, height)  # no angle is between parallel rays
+    fx, fy = _focal_lengths(frame, document, spanned)
     cx, cy = _number(values, "cx"), _number(values, "cy")
     middle = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
     K = np.array([[fx, 0.0, middle[0]], [0.0, fy, middle[1]], [0.0, 0.0, 1.0]])
     pose = rigid_inverse(_matrix(values) @ OPENCV_TO_BLENDER_CAMERA)
-    return ForeignView(image, Camera(K, pose, int(width), int(height)), _lens(values), mask)
+    lens = _lens(values)
+    if is_parallel and lens.bends:
+        raise DataError(f"a lens with distortion in front of parallel rays ({_PARALLEL})")
+    kind = "orthographic" if is_parallel else "perspective"
+    return ForeignView(image, Camera(K, pose, int(width), int(height), kind), lens, mask)
 
 
 def _number(values: Mapping[str, Any], key: str) -> float | None:
@@ -130,8 +138,9 @@ def _focal_lengths(
 
 
 def _focal_length(values: Mapping[str, Any], axis: str, side: float) -> float | None:
+    """Of one axis; None where nothing tells it. A side of 0 is one that no angle spans."""
     focal, angle = _number(values, f"fl_{axis}"), _number(values, f"camera_angle_{axis}")
-    if focal is not None or angle is None:
+    if focal is not None or angle is None or not side:
         return focal
     if not 0 < angle < math.pi:
         raise DataError(f"camera_angle_{axis} is no angle in radians", got=str(angle))
@@ -165,10 +174,10 @@ def _lens(values: Mapping[str, Any]) -> Lens:
     ]
     if is_fisheye not in (None, model == _FISHEYE):
         kinds.append(f"{model} with is_fisheye {is_fisheye}")
-    if kinds or model not in (*_ORDINARY, _FISHEYE):
+    if kinds or model not in (*_ORDINARY, _FISHEYE, _PARALLEL):
         raise DataError(
             f"camera model {', '.join(kinds) or model} is not known",
-            expected=", ".join((*_ORDINARY, _FISHEYE)),
+            expected=", ".join((*_ORDINARY, _FISHEYE, _PARALLEL)),
             hint="Undistort the images first",
         )
     numbers = {key: _number(values, key) or 0.0 for key in values if _PARAMETER.fullmatch(key)}

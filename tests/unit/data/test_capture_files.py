@@ -386,6 +386,11 @@ def test_fisheyes_are_told_in_two_ways(tmp_path, more, lens):
         ({"fl_x": "long"}, "frame 0: fl_x is no number.*'long'"),
         ({"fl_x": None, "fl_y": None}, "no focal length.*camera_angle_x in radians"),
         ({"fl_x": None, "fl_y": None, "camera_angle_x": 35.6}, "no angle in radians.*35.6"),
+        (
+            {"camera_model": "ORTHOPHOTO", "fl_x": None, "fl_y": None, "camera_angle_x": 0.6},
+            "no focal length",
+        ),
+        ({"camera_model": "ORTHOPHOTO", "k1": 0.1}, "distortion in front of parallel rays"),
         ({"cx": "middle"}, "cx is no number"),
         ({"w": 0}, "camera has no pixels"),
         ({"file_path": None}, "file_path is no text"),

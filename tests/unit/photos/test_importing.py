@@ -14,9 +14,9 @@ from harness.cli.main import app
 from harness.core.artifacts import Capture
 from harness.core.camera import Camera
 from harness.core.camera_frames import write_colmap
-from harness.core.errors import DataError, HarnessError, MethodError
+from harness.core.errors import DataError, HarnessError
 from harness.core.process.threads import silent
-from harness.core.protocols import Context, MethodInfo, Privilege
+from harness.core.protocols import Context, MethodInfo
 from harness.core.rigs import RingRig
 from harness.data.lens import ForeignCameras, ForeignView
 from harness.geometry.images import load_rgba
@@ -27,10 +27,9 @@ from harness.photos.masks import cut_sides, one_person
 from harness.photos.matching import matched_photos
 from harness.photos.request import ImportRequest
 from harness.photos.world import parsed_axis, quarters_upright, up_of_cameras, upright
-from harness.run.view_choice import as_given, views_for
 from methods.hull import HullSettings, VisualHull
 from tests.unit.data.test_pictures import save_turned, stored_as
-from tests.unit.photos.conftest import photographed
+from tests.unit.photos.conftest import RIG, photographed
 
 #: The front is -Y where the world has +Z up, and +Z where it has +Y up, as COLMAP's files here.
 FRONT = {"colmap-binary": "+z", "colmap-text": "+z", "nerfstudio": "-y", "published": "-y"}
@@ -68,8 +67,15 @@ def hull(capture):
     ).mesh
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_what_was_exported_comes_back_as_it_was(native, tmp_path, form):
+@pytest.fixture(scope="session")
+def parallel(tmp_path_factory) -> Capture:
+    return photographed(tmp_path_factory.mktemp("parallel"), replace(RIG, span_m=2.4))
+
+
+@pytest.mark.parametrize("form", [*FORMATS, "nerfstudio of parallel rays"])
+def test_what_was_exported_comes_back_as_it_was(native, parallel, tmp_path, form):
+    form, _, of_parallel_rays = form.partition(" ")
+    native = parallel if of_parallel_rays else native
     folder = exported(native, tmp_path / "out", cameras=form)
     asked = request(
         folder, tmp_path / "in", cameras=camera_file(folder, form), facing=FRONT[form],
@@ -80,6 +86,7 @@ def test_what_was_exported_comes_back_as_it_was(native, tmp_path, form):
     assert (capture.dataset, capture.recipe, capture.damage()) == ("captures", "imported", "")
     assert made.warnings == ()
     for view, (found, true) in enumerate(zip(capture.cameras, native.cameras, strict=True)):
+        assert found.kind == true.kind
         np.testing.assert_allclose(found.K, true.K, atol=1e-9)
         np.testing.assert_allclose(found.world_to_camera, true.world_to_camera, atol=1e-6)
         np.testing.assert_array_equal(
@@ -493,97 +500,6 @@ def test_strands_stay_with_the_person():
 def test_the_frame_cuts_where_the_mask_touches_it():
     assert cut_sides(people()) == ()
     assert cut_sides(people()[6:]) == ("top",)
-
-
-# Which photos a method is given
-
-
-def imported(yaws_deg):
-    cameras = [replace(RingRig(views=1, first_yaw_deg=yaw).cameras(30, 40)[0]) for yaw in yaws_deg]
-    return Capture("captures", "t", "imported", "", None, tuple(cameras))  # pyright: ignore
-
-
-def test_a_ring_of_eight_is_found_among_many_photos():
-    yaws = [200, 0, 13, 44, 50, 88, 91, 137, 178, 222, 275, 312, 350, 30, 60]
-    chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), imported(yaws))
-    picked = [yaws[number] for number in chosen.capture.numbers]
-    assert picked == [0, 44, 91, 137, 178, 222, 275, 312]
-    assert "photos_far_from_their_view_deg" not in chosen.details
-
-
-def test_front_and_back_are_found_and_what_is_far_is_told():
-    yaws = [100, 20, 230]
-    chosen = views_for(MethodInfo("m", "M", views=(0, 4)), imported(yaws))
-    assert [yaws[chosen.capture.numbers[view]] for view in (0, 4)] == [20, 230]
-    assert chosen.details["photos_far_from_their_view_deg"] == {"4": 50.0}
-
-
-def test_a_method_that_takes_more_photos_than_there_are_says_so():
-
-    with pytest.raises(MethodError, match="takes 8 photos.*got 3 of 't'.*mexecon2"):
-        views_for(MethodInfo("m", "M", views=tuple(range(8))), imported([0, 90, 200]))
-
-
-def test_a_method_that_takes_all_photos_is_given_all_from_the_front():
-    chosen = views_for(MethodInfo("m", "M"), imported([90, 0, 200]))
-    assert chosen.capture.numbers == (1, 0, 2)
-
-
-def test_a_method_that_needs_perspective_says_so():
-    ring = Capture("toy", "t", "ortho", "", None, RingRig(span_m=2.0).cameras(30, 40))  # pyright: ignore
-    with pytest.raises(MethodError, match="'m' takes no orthographic photos: it finds pinholes"):
-        views_for(MethodInfo("m", "M", needs_perspective="it finds pinholes"), ring)
-    assert len(views_for(MethodInfo("m", "M"), ring).capture.cameras) == 8
-
-
-@pytest.mark.parametrize(
-    ("pitch_deg", "views", "given"),
-    [
-        (0.0, (0,), True),
-        (0.0, (0, 4), True),
-        (0.0, (0, 2), False),
-        (0.0, None, False),
-        (15.0, (0,), True),
-        (15.0, (0, 4), False),
-    ],
-)
-def test_who_sees_parallel_photos_alone_is_given_the_depth(pitch_deg, views, given):
-    rig = RingRig(span_m=2.0, pitch_deg=pitch_deg)
-    ring = Capture("toy", "t", "ortho", "", None, rig.cameras(30, 40))  # pyright: ignore
-    method = MethodInfo("m", "M", views=views, privileges=(Privilege.KNOWN_CAMERAS,))
-    added = (Privilege.SUBJECT_CENTRE,) if given else ()
-    assert as_given(method, ring).privileges == (Privilege.KNOWN_CAMERAS, *added)
-    seen = replace(rig, span_m=0.0).cameras(30, 40)
-    assert as_given(method, replace(ring, cameras=seen)) == method
-    assert as_given(method, replace(ring, recipe="imported")) == method
-    placed = replace(method, privileges=(Privilege.GROUND_TRUTH_MESH,))
-    assert as_given(placed, ring) == placed
-
-
-@pytest.mark.parametrize(("count", "photos"), [(16, (0, 2, 4, 6, 8, 10, 12, 14)), (8, range(8))])
-def test_a_method_for_eight_takes_every_second_photo_of_sixteen(count, photos):
-    ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
-    chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), ring)
-    assert chosen.capture.numbers[:8] == tuple(photos)
-
-
-@pytest.mark.parametrize(
-    ("count", "views", "photos"),
-    [
-        (4, (0, 1, 2, 3), (0, 1, 2, 3)),
-        (4, (0, 2), (0, 2)),
-        (4, (0, 4), (0, 2)),
-        (6, tuple(range(8)), tuple(range(6))),
-        (16, (0, 4), (0, 8)),
-        (16, (0, 8), (0, 8)),
-        (16, (0, 4, 8, 12), (0, 4, 8, 12)),
-    ],
-)
-def test_views_of_rings_of_other_numbers(count, views, photos):
-    ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
-    chosen = views_for(MethodInfo("m", "M", views=views), ring).capture
-    there = [view for view in views if view < len(chosen.cameras)]
-    assert tuple(chosen.numbers[view] for view in there) == photos
 
 
 def test_a_capture_of_other_photos_is_not_replaced_unasked(native, tmp_path):

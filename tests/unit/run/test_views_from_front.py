@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from harness.core.artifacts import Reconstruction
+from harness.core.artifacts import Capture, Reconstruction
+from harness.core.errors import MethodError
 from harness.core.mesh import Mesh
 from harness.core.protocols import MethodInfo, Privilege
+from harness.core.rigs import RingRig
 from harness.core.typed_json import to_json
 from harness.data.manifest import load_manifest
 from harness.files.obj import write_obj
@@ -20,7 +23,7 @@ from harness.run.cell_job import CellJob
 from harness.run.method_choice import ChosenMethod
 from harness.run.record_inputs import evaluated, method_code
 from harness.run.sources import Source
-from harness.run.view_choice import as_given
+from harness.run.view_choice import as_given, views_for
 from harness.run.workspace import Workspace
 
 MANIFEST = """\
@@ -151,3 +154,93 @@ def test_both_numberings_are_the_same_eight_photos(world):
     assert len(set(pictures)) == 8
     assert ours.capture("t1").image_path(2).name == "02.png"
     assert theirs.capture("t1").image_path(2).name == "00.png"
+
+
+# Which photos a method is given
+
+
+def imported(yaws_deg):
+    cameras = [replace(RingRig(views=1, first_yaw_deg=yaw).cameras(30, 40)[0]) for yaw in yaws_deg]
+    return Capture("captures", "t", "imported", "", None, tuple(cameras))  # pyright: ignore
+
+
+def test_a_ring_of_eight_is_found_among_many_photos():
+    yaws = [200, 0, 13, 44, 50, 88, 91, 137, 178, 222, 275, 312, 350, 30, 60]
+    chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), imported(yaws))
+    picked = [yaws[number] for number in chosen.capture.numbers]
+    assert picked == [0, 44, 91, 137, 178, 222, 275, 312]
+    assert "photos_far_from_their_view_deg" not in chosen.details
+
+
+def test_front_and_back_are_found_and_what_is_far_is_told():
+    yaws = [100, 20, 230]
+    chosen = views_for(MethodInfo("m", "M", views=(0, 4)), imported(yaws))
+    assert [yaws[chosen.capture.numbers[view]] for view in (0, 4)] == [20, 230]
+    assert chosen.details["photos_far_from_their_view_deg"] == {"4": 50.0}
+
+
+def test_a_method_that_takes_more_photos_than_there_are_says_so():
+    with pytest.raises(MethodError, match="takes 8 photos.*got 3 of 't'.*mexecon2"):
+        views_for(MethodInfo("m", "M", views=tuple(range(8))), imported([0, 90, 200]))
+
+
+def test_a_method_that_takes_all_photos_is_given_all_from_the_front():
+    chosen = views_for(MethodInfo("m", "M"), imported([90, 0, 200]))
+    assert chosen.capture.numbers == (1, 0, 2)
+
+
+def test_a_method_that_needs_perspective_says_so():
+    ring = Capture("toy", "t", "ortho", "", None, RingRig(span_m=2.0).cameras(30, 40))  # pyright: ignore
+    with pytest.raises(MethodError, match="'m' takes no orthographic photos: it finds pinholes"):
+        views_for(MethodInfo("m", "M", needs_perspective="it finds pinholes"), ring)
+    assert len(views_for(MethodInfo("m", "M"), ring).capture.cameras) == 8
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "views", "given"),
+    [
+        (0.0, (0,), True),
+        (0.0, (0, 4), True),
+        (0.0, (0, 2), False),
+        (0.0, None, False),
+        (15.0, (0,), True),
+        (15.0, (0, 4), False),
+    ],
+)
+def test_who_sees_parallel_photos_alone_is_given_the_depth(pitch_deg, views, given):
+    rig = RingRig(span_m=2.0, pitch_deg=pitch_deg)
+    ring = Capture("toy", "t", "ortho", "", None, rig.cameras(30, 40))  # pyright: ignore
+    method = MethodInfo("m", "M", views=views, privileges=(Privilege.KNOWN_CAMERAS,))
+    added = (Privilege.SUBJECT_CENTRE,) if given else ()
+    assert as_given(method, ring).privileges == (Privilege.KNOWN_CAMERAS, *added)
+    seen = replace(rig, span_m=0.0).cameras(30, 40)
+    assert as_given(method, replace(ring, cameras=seen)) == method
+    assert as_given(method, replace(ring, recipe="imported")) == method
+    placed = replace(method, privileges=(Privilege.GROUND_TRUTH_MESH,))
+    assert as_given(placed, ring) == placed
+
+
+@pytest.mark.parametrize(("count", "photos"), [(16, (0, 2, 4, 6, 8, 10, 12, 14)), (8, range(8))])
+def test_a_method_for_eight_takes_every_second_photo_of_sixteen(count, photos):
+    ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
+    chosen = views_for(MethodInfo("m", "M", views=tuple(range(8))), ring)
+    assert chosen.capture.numbers[:8] == tuple(photos)
+
+
+@pytest.mark.parametrize(
+    ("count", "views", "photos"),
+    [
+        (4, (0, 1, 2, 3), (0, 1, 2, 3)),
+        (4, (0, 2), (0, 2)),
+        (4, (0, 4), (0, 2)),
+        (6, tuple(range(8)), tuple(range(6))),
+        (16, (0, 4), (0, 8)),
+        (16, (0, 8), (0, 8)),
+        (16, (0, 4, 8, 12), (0, 4, 8, 12)),
+    ],
+)
+def test_views_of_rings_of_other_numbers(count, views, photos):
+    ring = Capture("toy", "t", "ring", "", None, RingRig(views=count).cameras(30, 40))  # pyright: ignore
+    chosen = views_for(MethodInfo("m", "M", views=views), ring).capture
+    there = [view for view in views if view < len(chosen.cameras)]
+    assert tuple(chosen.numbers[view] for view in there) == photos
