@@ -512,23 +512,27 @@ def _shown(value: Any) -> Any:
     return [_shown(entry) for entry in value] if is_array(value) else value
 
 
-def _leaves(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+def _leaves(
+    value: Any, place: str = "", depth: int = 0, found: list[tuple[str, Any]] | None = None
+) -> list[tuple[str, Any]]:
     """Every value that holds no other, and every key, with the names of the fields above it.
 
     Raises:
         ValueError: more levels than a record has.
     """
+    found = [] if found is None else found
     if depth > _MOST_DEPTH:
         raise ValueError(f"more than {_MOST_DEPTH} levels")
-    if is_mapping(value):
-        for name, entry in value.items():
-            yield place, name
-            yield from _leaves(entry, f"{place}.{name}"[-_MOST_SHOWN:].lstrip("."), depth + 1)
-    elif is_array(value):
+    if is_array(value):
         for entry in value:
-            yield from _leaves(entry, place, depth + 1)
+            _leaves(entry, place, depth + 1, found)
+    elif isinstance(value, str | float | int | None) or not is_mapping(value):
+        found.append((place, value))
     else:
-        yield place, value
+        for name, entry in value.items():
+            found.append((place, name))
+            _leaves(entry, f"{place}.{name}"[-_MOST_SHOWN:].lstrip("."), depth + 1, found)
+    return found
 
 
 def _faults(document: Mapping[str, Any], *, is_strict: bool) -> Iterator[str]:

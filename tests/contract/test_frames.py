@@ -158,8 +158,8 @@ def small(name: str, extra: dict[str, str] | None = None):
     return ChosenMethod.of(name, settings).method
 
 
-#: One method of each family is tried with every change, the others each night.
-OF_EACH_FAMILY = ("hull8", "mexecon2", "mexecon+", "stereo8")
+#: These are tried with every change, the others each night: some take minutes.
+TRIED_OFTEN = ("hull8", "stereo8")
 
 
 def in_turn() -> list[object]:
@@ -168,7 +168,7 @@ def in_turn() -> list[object]:
     names = [name for name in METHODS if name not in ("gt", "oracle8-points")]
     names.sort(key=lambda name: (name in last, name not in ("econ", "body-front")))
     often, rarely = pytest.mark.slow, pytest.mark.nightly
-    return [pytest.param(name, marks=often if name in OF_EACH_FAMILY else rarely) for name in names]
+    return [pytest.param(name, marks=often if name in TRIED_OFTEN else rarely) for name in names]
 
 
 @pytest.mark.parametrize("name", in_turn())
