@@ -6,11 +6,12 @@ machines are extras of its distribution; other parts of the project are packages
 
 import contextlib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from harness.core.errors import MissingPart
 
@@ -72,8 +73,12 @@ def not_installed(module: str, purpose: str, otherwise: str = "") -> MissingPart
     )
 
 
+def _itself(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function
+
+
 @contextlib.contextmanager
-def compiler_left_out() -> Iterator[None]:
+def compiler_left_out() -> Generator[None]:
     """RoMa imported in here does not load torch's compiler, which takes a second or two.
 
     RoMa asks it only to leave two functions alone.
@@ -87,7 +92,7 @@ def compiler_left_out() -> Iterator[None]:
         yield
         return
     sys.modules[compiler] = stand_in = ModuleType(compiler)
-    stand_in.__dict__["disable"] = lambda function: function
+    stand_in.__dict__["disable"] = _itself
     try:
         yield
     finally:

@@ -474,7 +474,7 @@ class Record:
                 hint="Run the evaluation again to replace it",
             )
         if isinstance(method := document.get("method"), dict):
-            later = {"trained_on": [], "needs_perspective": ""}
+            later: dict[str, object] = {"trained_on": [], "needs_perspective": ""}
             document = {"identity": "", **document, "method": {**later, **method}}
         record = from_json(cls, document, source, "a record")
         for fault in _out_of_range(record, document):

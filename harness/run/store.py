@@ -179,7 +179,7 @@ class RunStore:
             DataError: a record that cannot be read; it is never skipped.
         """
         paths = sorted(self.directory.glob(f"*/*/{_RECORD_FILE}"))
-        return [Record.load(path, *path.parts[-3:-1], whole) for path in paths]
+        return [Record.load(path, path.parts[-3], path.parts[-2], whole) for path in paths]
 
     def result(self, record: Record, name: str) -> Path:
         """The file of a record's result, such as ``mesh.ply``, after a check that it is unchanged.

@@ -1,6 +1,7 @@
 """A cloud of points to what a surface is made through: chosen, and facing outwards."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,9 @@ def _near_as_others(points: Floats, settings: KeepSettings) -> Mask:
 def _neighbours(points: Floats, count: int) -> tuple[Floats, Ints]:
     from scipy.spatial import KDTree
 
-    distance, nearest = KDTree(points).query(points, k=count + 1, workers=-1)
+    # Its annotations have one number for many.
+    found: Any = KDTree(points).query(points, k=count + 1, workers=-1)
+    distance, nearest = found
     return distance[:, 1:], nearest[:, 1:]
 
 
@@ -119,4 +122,4 @@ def outward_normals(points: Floats, neighbours: int = 16) -> Floats:
     facing = own[sure] * np.sign(votes[sure])[:, None]
     leader = KDTree(some[sure]).query(points, workers=-1)[1]
     side = np.sign(np.einsum("ni,ni->n", normals, facing[leader]))
-    return normals * np.where(side == 0, 1.0, side)[:, None]
+    return np.asarray(normals * np.where(side == 0, 1.0, side)[:, None], dtype=np.float64)

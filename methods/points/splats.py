@@ -213,7 +213,7 @@ def _at_pixel(owner: Ints, count: int, weight: Floats, value: Floats, aside: Flo
     u, v = aside.T
 
     def total(values: Floats) -> Floats:
-        return np.bincount(owner, weight * values, count)
+        return np.bincount(owner, weight * values, count).astype(np.float64, copy=False)
 
     all_of = np.maximum(total(np.ones_like(u)), 1e-12)
     mu, mv, mz = (total(each) / all_of for each in (u, v, value))
