@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from methods.body.models.model import LandmarkTable
 from methods.body.photos.detection import Detections
@@ -44,6 +46,38 @@ class Projector:
     def turn(self, vectors: Tensor) -> Tensor:
         """(..., 3) world directions in camera axes."""
         return vectors @ self._rotation.to(vectors).T
+
+
+class Projectors:
+    """Projects points through some of N cameras at once, in double precision."""
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        import torch
+
+        def tensor(values: list[Floats]) -> Tensor:
+            return torch.tensor(np.array(values))
+
+        self._rotation = tensor([camera.rotation for camera in cameras])
+        self._shift = tensor([camera.world_to_camera[:3, 3] for camera in cameras])
+        self._focal = tensor([np.diag(camera.K)[:2] for camera in cameras])
+        self._centre = tensor([camera.K[:2, 2] for camera in cameras])
+        self._parallel = torch.tensor([camera.is_orthographic for camera in cameras])
+
+    def turned(self, points: Tensor, view: Tensor) -> Tensor:
+        """(..., K, 3) world directions in the axes of the cameras (...) that they are given."""
+        return points @ self._rotation[view].transpose(-1, -2)
+
+    def pixels(self, turned: Tensor, view: Tensor) -> Tensor:
+        """(..., K, 2) pixels of points that ``turned`` gave."""
+        import torch
+
+        seen = turned + self._shift[view][..., None, :]
+        depth = seen[..., 2:].clamp_min(_NEAREST_M)
+        depth = torch.where(self._parallel[view][..., None, None], 1.0, depth)
+        return (
+            seen[..., :2] / depth * self._focal[view][..., None, :]
+            + (self._centre[view][..., None, :])
+        )
 
 
 class Evidence:

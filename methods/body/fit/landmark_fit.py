@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.missing import compiler_left_out
-from harness.core.process.threads import on_all_cores
 from methods.body.fit.descent import Adam, cosine
-from methods.body.fit.evidence import Evidence
+from methods.body.fit.evidence import Evidence, Projectors
 from methods.body.fit.weights import ParameterPrior
 from methods.body.models.model import Parameters, ParametricBody, box_middle, neutral
 from methods.body.photos.detection import Detections
@@ -41,7 +40,7 @@ class Residuals:
 
     Attributes:
         robust: Groups (B, G, D) whose lengths cost half the logarithm of 1 + their square (Cauchy),
-            and their weights (G,).
+            and their weights (B, G).
         plain: (B, L) that cost half their square.
     """
 
@@ -62,36 +61,36 @@ class Residuals:
         return torch.cat([self.plain, *(group.flatten(1) for group, _ in self.robust)], 1)
 
     def weights(self) -> Tensor:
-        """(M,) those of iteratively reweighted least squares at the first set.
+        """(B, M) those of iteratively reweighted least squares.
 
         With them the squares' gradient is the gradient of the cost.
         """
         import torch
 
-        weights = [torch.ones_like(self.plain[0])]
+        weights = [torch.ones_like(self.plain)]
         for group, weight in self.robust:
-            share = weight / (1.0 + (group[0] ** 2).sum(1))
-            weights.append(share[:, None].expand(group.shape[1:]).flatten())
-        return torch.cat(weights)
+            share = weight / (1.0 + (group**2).sum(2))
+            weights.append(share[:, :, None].expand(group.shape).flatten(1))
+        return torch.cat(weights, 1)
 
 
 class Problem(Protocol):
-    """What is to be minimised."""
+    """N things to be minimised, each by parameters of its own."""
 
-    def about(self, parameters: Parameters) -> None:
-        """Called with the parameters (1, ...) of each round: what is held fixed around them."""
+    def about(self, parameters: Parameters, which: Tensor) -> None:
+        """Called with the parameters (B, ...) of each round: what is held fixed around them."""
         ...
 
-    def residuals(self, parameters: Parameters) -> Residuals:
-        """What parameters (B, ...) leave over."""
+    def residuals(self, parameters: Parameters, which: Tensor) -> Residuals:
+        """What parameters (B, ...) leave over of the things (B,) that they are of."""
         ...
 
 
-def minimum(problem: Problem, start: Parameters) -> tuple[dict[str, Tensor], float]:
-    """The parameters (1, ...) of the minimum that a start (1, ...) leads to, and their cost.
+def minimum(problem: Problem, start: Parameters) -> tuple[dict[str, Tensor], Tensor]:
+    """The parameters (N, ...) of the minima that starts (N, ...) lead to, and their costs (N,).
 
     Args:
-        problem: What is minimised.
+        problem: What is minimised: N things at once, because a small step costs as much as many.
         start: Any precision; the result has double precision.
     """
     import torch
@@ -101,68 +100,91 @@ def minimum(problem: Problem, start: Parameters) -> tuple[dict[str, Tensor], flo
 
 
 class _Search:
-    """The way from a start to a minimum."""
+    """The ways from starts to minima."""
 
     def __init__(self, problem: Problem, start: Parameters) -> None:
         import torch
 
         self._problem = problem
         self._shapes = {name: value.shape[1:] for name, value in start.items()}
-        self._at = torch.cat([value.detach().double().flatten() for value in start.values()])
-        self._damping = 1e-2
+        self._at = torch.cat([value.detach().double().flatten(1) for value in start.values()], 1)
+        self._damping = self._at.new_full((len(self._at),), 1e-2)
 
-    def run(self) -> tuple[dict[str, Tensor], float]:
+    def run(self) -> tuple[dict[str, Tensor], Tensor]:
         """As ``minimum``."""
         import torch
 
-        jacobian, fresh = None, False
+        left = every = torch.arange(len(self._at))
+        jacobian = self._at.new_zeros(0)
+        fresh = torch.zeros(len(every), dtype=torch.bool)
+        stale = ~fresh
         for _ in range(_MOST_ROUNDS):
-            self._problem.about(self._unpacked(self._at[None]))
-            here = self._left(self._at[None])
-            if jacobian is None:
-                jacobian, fresh = self._jacobian(), True
-            step, there = self._tried(here, jacobian, _MOST_TRIES if fresh else 1)
-            gain = float(here.cost() - there.cost())
-            if gain > 0:
-                self._at, self._damping = self._at + step, max(self._damping / 5, 1e-7)
-            if gain > (_SETTLED if fresh else _SLOW) * float(here.cost()):
-                # Broyden's update: the differences along the step, for a ninetieth of the work.
-                missed = there.rows()[0] - here.rows()[0] - jacobian @ step
-                jacobian, fresh = jacobian + torch.outer(missed, step) / (step @ step), False
-            elif fresh:
+            self._problem.about(self._unpacked(self._at[left]), left)
+            if len(anew := left[stale[left]]):
+                found = self._jacobian(anew)
+                jacobian = found if len(anew) == len(every) else jacobian.index_copy(0, anew, found)
+                fresh[anew], stale[anew] = True, False
+            here = self._left(self._at[left], left)
+            step, rows, gain = self._tried(left, here, jacobian[left], fresh[left])
+            better = gain > 0
+            self._at[left] += step * better[:, None]
+            eased = (self._damping[left] / 5).clamp_min(1e-7)
+            self._damping[left] = torch.where(better, eased, self._damping[left])
+            went = gain > torch.where(fresh[left], _SETTLED, _SLOW) * here.cost()
+            on, along = left[went], step[went]
+            # Broyden's update: the differences along the step, for a ninetieth of the work.
+            missed = rows[went] - here.rows()[went] - (jacobian[on] @ along[:, :, None])[..., 0]
+            share = along / (along**2).sum(1, keepdim=True)
+            jacobian[on] += missed[:, :, None] * share[:, None]
+            stale[left] = ~went
+            left = left[went | ~fresh[left]]
+            fresh[on] = False
+            if not len(left):
                 break
-            else:
-                jacobian = None
-        return self._unpacked(self._at[None]), float(self._left(self._at[None]).cost())
+        return self._unpacked(self._at), self._left(self._at, every).cost()
 
     def _tried(
-        self, here: Residuals, jacobian: Tensor, most_tries: int
-    ) -> tuple[Tensor, Residuals]:
-        """A step that lowers the cost, if one is found, and what is left over there."""
+        self, which: Tensor, here: Residuals, jacobian: Tensor, fresh: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Steps (B, P) that lower the costs, if some are found, the rows there, and by how much.
+
+        Along derivatives that are not fresh, one step is tried.
+        """
         import torch
 
-        weighed = here.weights()[:, None] * jacobian
-        normal, slope = jacobian.T @ weighed, weighed.T @ here.rows()[0]
-        step, there = torch.zeros_like(slope), here
-        for _ in range(most_tries):
-            damped = normal + torch.diag(self._damping * normal.diagonal() + 1e-9)
-            step = -torch.linalg.solve(damped, slope)
-            there = self._left((self._at + step)[None])
-            if float(there.cost()) < float(here.cost()):
+        weighed = here.weights()[:, :, None] * jacobian
+        normal = jacobian.transpose(1, 2) @ weighed
+        slope = (weighed.transpose(1, 2) @ here.rows()[:, :, None])[..., 0]
+        before, rows = here.cost(), here.rows().clone()
+        step, gain = torch.zeros_like(slope), torch.zeros_like(before)
+        tried = torch.arange(len(which))
+        for number in range(_MOST_TRIES):
+            tried = tried[fresh[tried]] if number else tried
+            if not len(tried):
                 break
-            self._damping *= 4
-        return step, there
+            of = which[tried]
+            most = normal[tried].diagonal(dim1=1, dim2=2)
+            damped = normal[tried] + torch.diag_embed(self._damping[of, None] * most + 1e-9)
+            step[tried] = -torch.linalg.solve(damped, slope[tried])
+            there = self._left(self._at[of] + step[tried], of)
+            rows[tried], gain[tried] = there.rows(), before[tried] - there.cost()
+            tried = tried[~(gain[tried] > 0)]
+            self._damping[which[tried]] *= 4
+        return step, rows, gain
 
-    def _jacobian(self) -> Tensor:
-        """(M, P) by finite differences, all at once."""
+    def _jacobian(self, which: Tensor) -> Tensor:
+        """(B, M, P) by finite differences, all at once."""
         import torch
 
-        moved = self._at + _STEP * torch.eye(len(self._at), dtype=self._at.dtype)
-        rows = self._left(torch.cat([self._at[None], moved])).rows()
-        return ((rows[1:] - rows[0]) / _STEP).T
+        count = self._at.shape[1]
+        moves = _STEP * torch.eye(count + 1, count, dtype=self._at.dtype).roll(1, 0)
+        moved = self._at[which][:, None] + moves
+        left = self._left(moved.flatten(0, 1), which.repeat_interleave(count + 1))
+        rows = left.rows().unflatten(0, (len(which), count + 1))
+        return ((rows[:, 1:] - rows[:, :1]) / _STEP).transpose(1, 2)
 
-    def _left(self, rows: Tensor) -> Residuals:
-        return self._problem.residuals(self._unpacked(rows))
+    def _left(self, rows: Tensor, which: Tensor) -> Residuals:
+        return self._problem.residuals(self._unpacked(rows), which)
 
     def _unpacked(self, rows: Tensor) -> dict[str, Tensor]:
         parts = rows.split([shape.numel() for shape in self._shapes.values()], 1)
@@ -241,19 +263,16 @@ def fit_each_view(
     """
     import torch
 
-    bodies = body, body.precise()
-
-    def fitted(index: int) -> dict[str, Tensor]:
-        view, seen = views[index], detections.at([index])
-        points = seen.points_camera[0]
+    starts: list[dict[str, Tensor]] = []
+    for view, points in zip(views, detections.points_camera, strict=True):
         across = view.camera.rotation.T @ (points[_LEFT] - points[_RIGHT]).sum(axis=0)
         start = neutral(body)
         start["orientation"] = torch.tensor(upright(across))[None, :, :2]
         start["translation"] = start["translation"] + torch.tensor(view.place.centre)
-        return minimum(_Landmarks(bodies, (view,), seen), start)[0]
-
-    found = on_all_cores(fitted, range(len(views)))
-    return {name: torch.cat([each[name] for each in found]).float() for name in found[0]}
+        starts.append(start)
+    joined = {name: torch.cat([each[name] for each in starts]) for name in starts[0]}
+    problem = _Landmarks((body, body.precise()), views, detections, each=True)
+    return {name: value.float() for name, value in minimum(problem, joined)[0].items()}
 
 
 def average(parameters: Parameters) -> dict[str, Tensor]:
@@ -314,12 +333,15 @@ def _descend(problem: _Landmarks, start: Parameters, steps: int, rate: float) ->
     What follows does better from here than from the minimum itself: a made body in eight views ends
     below 10 mm off, and 12.7 mm off from the minimum.
     """
+    import torch
+
     parameters = {name: value.detach().double().requires_grad_() for name, value in start.items()}
     optimiser = Adam(parameters.values(), rate)
+    only = torch.zeros(1, dtype=torch.long)
     for step in range(steps):
         optimiser.zero_grad()
-        problem.about({name: value.detach() for name, value in parameters.items()})
-        problem.residuals(parameters).cost().sum().backward()
+        problem.about({name: value.detach() for name, value in parameters.items()}, only)
+        problem.residuals(parameters, only).cost().sum().backward()
         optimiser.step()
         # Slower towards the end, so that it ends at a minimum and not somewhere round it.
         optimiser.rate = cosine(optimiser.rate, step + 1, steps, 0.05 * rate)
@@ -346,76 +368,91 @@ def swapped_views(
 
 
 class _Landmarks:
-    """The cost of one body in N views: landmarks in the pictures and in space, prior, distance."""
+    """The cost of bodies in N views: landmarks in the pictures and in space, prior, distance.
+
+    Args:
+        bodies: One with vertices enough for its extent, and the same in double precision.
+        views: N views.
+        detections: The landmarks found in these views.
+        each: Whether each view has a body of its own; else all see the same one.
+    """
 
     def __init__(
         self,
         bodies: tuple[ParametricBody, ParametricBody],
         views: tuple[View, ...],
         detections: Detections,
+        *,
+        each: bool = False,
     ) -> None:
         import torch
 
         self._whole, self._body = bodies
         self._prior = ParameterPrior(self._body)
+        self._each = each
         table = self._body.landmarks
         self._seen = Evidence(views, detections, table, precise=True)
+        self._project = Projectors([view.camera for view in views])
         self._hips = [int(np.flatnonzero(table.landmarks == hip)[0]) for hip in (23, 24)]
-        place = views[0].place
-        self._depth_is_known = place.depth_is_known
-        self._centre = torch.tensor(place.centre)
+        known = [view.place.depth_is_known for view in views]
+        # Nothing else holds the body of one orthographic view: it looks the same at any depth.
+        parallel = [view.camera.is_orthographic for view in views]
+        self._depth_is_known = torch.tensor(known)
+        self._holds_depth = torch.tensor(np.logical_or(known, parallel) & (each or len(views) == 1))
+        self._centre = torch.tensor(np.array([view.place.centre for view in views]))
         self._forward = torch.tensor(np.array([view.camera.forward for view in views]))
         self._to_middle = self._centre * 0.0
 
-    def about(self, parameters: Parameters) -> None:
+    def about(self, parameters: Parameters, which: Tensor) -> None:
         """Hold the way from the root to the middle of the body's box.
 
         Place gives way and not pose, or a limb that reaches to the box's side would be drawn in.
         """
-        if self._holds_depth():
-            single = {name: value.float() for name, value in parameters.items()}
-            middle = box_middle(self._whole.posed(single).vertices)[0].double()
-            self._to_middle = middle - single["translation"][0]
+        holds = self._holds_depth[which]
+        if holds.any():
+            single = {name: value[holds].float() for name, value in parameters.items()}
+            middle = box_middle(self._whole.posed(single).vertices).double()
+            self._to_middle[which[holds]] = middle - single["translation"]
 
-    def residuals(self, parameters: Parameters) -> Residuals:
-        """What the parameters (B, ...) leave over."""
+    def residuals(self, parameters: Parameters, which: Tensor) -> Residuals:
+        """What the parameters (B, ...) leave over; each body is seen by its own view, or by all."""
         import torch
 
-        points = self._body.landmark_points(self._body.posed(parameters))
-        in_picture, in_space = [], []
-        for view, projector in enumerate(self._seen.projectors):
-            off_px = projector(points) - self._seen.pixels[view]
-            in_picture.append(off_px * (self._seen.metres_per_px[view] / _PICTURE_M))
-            in_space.append(self._off_in_space(projector.turn(points), view))
-        weight = self._seen.confidence.flatten()
+        points = self._body.landmark_points(self._body.posed(parameters))[:, None]
+        view = which[:, None] if self._each else torch.arange(len(self._seen))[None]
+        turned = self._project.turned(points, view)
+        scale = (self._seen.metres_per_px[view] / _PICTURE_M)[..., None, None]
+        in_picture = (self._project.pixels(turned, view) - self._seen.pixels[view]) * scale
+        weight = self._seen.confidence[view].expand(in_picture.shape[:3])
         plain = [self._prior.residuals(parameters)]
-        if self._holds_depth():
-            off = parameters["translation"] + self._to_middle - self._centre
-            plain.append(off @ self._forward.T / _DEPTH_M)
+        if (holds := self._holds_depth[which]).any():
+            off = parameters["translation"] + self._to_middle[which] - self._centre[which]
+            ahead = (off * self._forward[which]).sum(1) / _DEPTH_M
+            plain.append((ahead * holds)[:, None])
         # What the detector says of depth counts as much as one view's, however many there are.
         return Residuals(
             (
-                (torch.cat(in_picture, 1), weight),
-                (torch.cat(in_space, 1), weight / len(self._seen)),
+                (in_picture.flatten(1, 2), weight.flatten(1)),
+                (
+                    self._off_in_space(turned, view).flatten(1, 2),
+                    weight.flatten(1) / view.shape[1],
+                ),
             ),
             torch.cat(plain, 1),
         )
 
-    def _holds_depth(self) -> bool:
-        # Nothing else holds the body of one orthographic view: it looks the same at any depth.
-        told = self._depth_is_known or self._seen.projectors[0].camera.is_orthographic
-        return told and len(self._seen) == 1
-
-    def _off_in_space(self, turned: Tensor, view: int) -> Tensor:
-        """(B, K, 3) between landmarks in camera axes and the detector's own, hips on hips.
+    def _off_in_space(self, turned: Tensor, view: Tensor) -> Tensor:
+        """(B, V, K, 3) between landmarks in camera axes and the detector's own, hips on hips.
 
         Where the views do not tell how far away the subject is, the detector's landmarks are made
         as large as these first: its metres are a mean person's, and would pass for a measurement.
         """
-        about_hips = turned - turned[:, self._hips].mean(1, keepdim=True)
-        own = self._seen.points_camera[view]
-        if self._depth_is_known:
-            return (about_hips - own) / _SPACE_M
-        weights = self._seen.confidence[view][:, None]
-        size = (weights * own * about_hips).sum((1, 2), keepdim=True) / (weights * own**2).sum()
-        return (about_hips - size * own) / _SPACE_ALONE_M
+        import torch
+
+        about_hips = turned - turned[..., self._hips, :].mean(-2, keepdim=True)
+        own, weights = self._seen.points_camera[view], self._seen.confidence[view][..., None]
+        size = (weights * own * about_hips).sum((-2, -1), keepdim=True)
+        size = size / (weights * own**2).sum((-2, -1), keepdim=True)
+        known = self._depth_is_known[view][..., None, None]
+        sized = (about_hips - size * own) / _SPACE_ALONE_M
+        return torch.where(known, (about_hips - own) / _SPACE_M, sized)

@@ -158,7 +158,19 @@ class AnnyBody:
 
     def posed(self, parameters: Parameters) -> Posed:
         """The bodies of some parameters, world frame."""
-        return self._posed(self._pose_parameters(parameters), self._phenotypes(parameters["shape"]))
+        pose, shape = self._pose_parameters(parameters), parameters["shape"]
+        rows = shape.detach().numpy()
+        _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        if len(first) == len(shape):
+            return self._in_world(self._output(pose, self._phenotypes(shape)))
+        # Bodies of one shape, as differences of poses are, stand alike before they are posed.
+        rest = self._output(None, self._phenotypes(shape[first]))
+        vertices, bones = (
+            rest[name][which.reshape(-1)] for name in ("rest_vertices", "rest_bone_poses")
+        )
+        moves, poses = self._model.get_bone_transforms(pose, bones)
+        skinned = self._model.get_skinned_vertices(vertices, moves)
+        return self._in_world({"vertices": skinned, "bone_poses": poses})
 
     def posed_as(
         self, pose_parameters: NDArray[np.float64], phenotype: Mapping[str, float]
@@ -168,10 +180,14 @@ class AnnyBody:
 
         pose = torch.as_tensor(pose_parameters, dtype=torch.float32)[None]
         with torch.no_grad():
-            return self._posed(pose, dict(phenotype))
+            return self._in_world(self._output(pose, dict(phenotype)))
 
-    def _posed(self, pose_parameters: Tensor, phenotypes: Mapping[str, Tensor | float]) -> Posed:
-        output = self._model(pose_parameters=pose_parameters, phenotype_kwargs=phenotypes)
+    def _output(
+        self, pose: Tensor | None, phenotypes: Mapping[str, Tensor | float]
+    ) -> dict[str, Tensor]:
+        return self._model(pose_parameters=pose, phenotype_kwargs=phenotypes)
+
+    def _in_world(self, output: Mapping[str, Tensor]) -> Posed:
         turn = self._to_world
         poses = output["bone_poses"]
         reference = self._model.reference_bone_orientations

@@ -11,10 +11,10 @@ from methods.body.fit.landmark_fit import Residuals, minimum
 class Valley:
     """Rosenbrock's valley: a sum of two squares that is 0 at (1, 1), and hard to descend."""
 
-    def about(self, parameters):
+    def about(self, parameters, which):
         pass
 
-    def residuals(self, parameters):
+    def residuals(self, parameters, which):
         x, y = parameters["x"][:, 0], parameters["y"][:, 0]
         return Residuals((), torch.stack([10 * (y - x**2), 1 - x], 1))
 
@@ -26,12 +26,12 @@ class Place:
         self.readings = torch.tensor(readings)
         self.weight = torch.ones(len(readings), dtype=torch.float64)
 
-    def about(self, parameters):
+    def about(self, parameters, which):
         pass
 
-    def residuals(self, parameters):
+    def residuals(self, parameters, which):
         off = (parameters["place"][:, None] - self.readings) / 0.01
-        return Residuals(((off, self.weight),), off.new_zeros(len(off), 1))
+        return Residuals(((off, self.weight.expand(off.shape[:2])),), off.new_zeros(len(off), 1))
 
 
 def test_the_end_of_a_curved_valley_is_found():
@@ -58,4 +58,4 @@ def test_the_gradient_is_that_of_the_cost():
     found, cost = minimum(problem, {"place": torch.tensor([[1.0, 2.0]])})
     for step in ((1e-4, 0), (-1e-4, 0), (0, 1e-4), (0, -1e-4)):
         moved = {"place": found["place"] + torch.tensor([step], dtype=torch.float64)}
-        assert float(problem.residuals(moved).cost()) > cost
+        assert float(problem.residuals(moved, torch.zeros(1)).cost()) > cost
