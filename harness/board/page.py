@@ -17,7 +17,7 @@ from reports.statistics import bootstrap_ends
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
 from reports.tables.regions import regions_table
-from reports.tables.selection import check_comparable, check_one_method
+from reports.tables.selection import Asked, check_comparable, check_one_method
 from reports.tables.table import Table
 
 #: Fewer subjects tell next to nothing of their spread.
@@ -164,7 +164,7 @@ def _tables(groups: Sequence[Sequence[_Standing]]) -> tuple[Table, ...]:
 
 def _table(make: Callable[..., Table], records: Sequence[Record]) -> Table:
     enough = len({record.subject for record in records}) >= _LEAST_FOR_INTERVALS
-    return make(records, interval=bootstrap_ends if enough else None)
+    return make(records, Asked(interval=bootstrap_ends if enough else None))
 
 
 def _lead(standings: Sequence[_Standing]) -> str:

@@ -57,6 +57,7 @@ from reports.figures.failures import (
 from reports.figures.panels import ErrorScale
 from reports.statistics import bootstrap_ends
 from reports.tables.normals import headline
+from reports.tables.selection import Asked
 from reports.tables.views import view_series, views_table
 
 _FOLDER = ".vertex-errors"
@@ -194,7 +195,7 @@ def views(store: RunStore, source: Source, records: Sequence[Record], path: Path
         HarnessError: no method was run with several numbers of views.
         ProtocolMismatch: the records are not comparable.
     """
-    table = views_table(records, subjects=source.subjects, interval=bootstrap_ends)
+    table = views_table(records, Asked(subjects=source.subjects, interval=bootstrap_ends))
     count = len(source.subjects)
     caption = f"{table.dataset}, {table.recipe}, {count} subject{'s' * (count != 1)}"
     return view_curves(view_series(table), path, f"{caption}; bands: 95 % of the mean")

@@ -37,6 +37,7 @@ from reports.tables.paired import change_table, paired_table
 from reports.tables.photos import photo_errors_table, photos_table
 from reports.tables.protocols import protocols_table
 from reports.tables.regions import regions_table
+from reports.tables.selection import Asked
 from reports.tables.table import Table
 from reports.tables.views import views_table
 
@@ -268,14 +269,13 @@ def _table(
     make = TABLES[request.table]
     if before is not None:
         make = functools.partial(change_table, before=before)
-    made = make(
-        records,
+    asked = Asked(
         methods=request.methods or _catalogue_order(records),
         subjects=request.subjects,
         interval=bootstrap_ends if request.interval else None,
         published=request.published,
     )
-    return request.named(made)
+    return request.named(make(records, asked=asked))
 
 
 def in_order(records: Sequence[Record], methods: tuple[str, ...]) -> list[Record]:

@@ -8,6 +8,7 @@ from reports.published.printed import PUBLISHED, STORED_METHODS, SUBJECTS, store
 from reports.statistics import percentile_ends
 from reports.tables.geometry import geometry_table
 from reports.tables.paired import paired_table
+from reports.tables.selection import Asked
 from reports.tables.table import Row, Table
 
 _ORIGIN = "Results by subject as published with the paper's code, not measured here"
@@ -40,10 +41,12 @@ def published_means(
     _check_known("subject", subjects, SUBJECTS)
     table = geometry_table(
         stored_records(),
-        methods=methods,
-        subjects=subjects,
-        interval=percentile_ends if intervals else None,
-        published=True,
+        Asked(
+            methods=methods,
+            subjects=subjects,
+            interval=percentile_ends if intervals else None,
+            published=True,
+        ),
     )
     unranked = tuple(replace(column, ranked=False) for column in table.columns)
     remarks = (_INTERVALS, *table.remarks) if intervals else table.remarks
@@ -80,7 +83,7 @@ def published_differences(
             hint=f"Name two or more of {', '.join(STORED_METHODS)}, or none",
         )
     table = paired_table(
-        stored_records(), methods=chosen, subjects=subjects, interval=percentile_ends
+        stored_records(), Asked(methods=chosen, subjects=subjects, interval=percentile_ends)
     )
     return _published(
         replace(table, remarks=(_INTERVALS, _counts(table.rows), *table.remarks)),

@@ -6,7 +6,7 @@ from dataclasses import replace
 from harness.core.artifacts import StageCost
 from harness.core.records import Record
 from reports.published import PUBLISHED
-from reports.tables.selection import Group, select
+from reports.tables.selection import EVERYTHING, Asked, Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Stage, Table, mean_cell
 
 #: Time is a mean over subjects; a peak is the highest of any subject, for it must fit the machine.
@@ -17,33 +17,26 @@ COST_COLUMNS = (
 )
 
 
-def cost_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def cost_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """What one reconstruction takes, by method and stage: a pure function of records.
 
     Stages run one after the other, so that a method's time is the sum of theirs and its peak the
     highest of theirs. Arguments and errors are those of ``geometry_table``.
     """
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     of = len(selection.subjects)
     return selection.table(
         name="cost",
         title="Cost of one reconstruction",
         columns=COST_COLUMNS,
-        rows=(_row(group, of, interval) for group in selection.groups),
+        rows=(_row(group, of, asked.interval) for group in selection.groups),
         remarks=(
             "Time: mean over subjects. Memory: highest of any subject",
             *selection.remarks,
             *_sharing_remarks(selection.groups),
             *_machine_remarks(record for group in selection.groups for record in group.ok),
         ),
-        published=PUBLISHED["cost"] if published else None,
+        published=PUBLISHED["cost"] if asked.published else None,
     )
 
 

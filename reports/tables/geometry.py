@@ -8,42 +8,33 @@ from harness.core.errors import ProtocolMismatch
 from harness.core.metric_catalog import METRICS
 from harness.core.records import ProtocolStamp, Record
 from reports.published import PUBLISHED
-from reports.tables.selection import Selection, select
-from reports.tables.table import Column, Interval, Table, cells_of, with_common_means
+from reports.tables.selection import EVERYTHING, Asked, Selection, select
+from reports.tables.table import Column, Table, cells_of, with_common_means
 
 #: Metric ids of the paper's geometry table, in its order.
 GEOMETRY_METRICS = ("chamfer", "p2s_accuracy", "p2s_completeness", "normal_error")
 
 
-def geometry_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def geometry_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """The paper's geometry table of some records: a pure function of them.
 
     Args:
         records: Records of one run.
-        methods: Rows wanted, in this order; all by default.
-        subjects: Subjects that count; all of the records' by default.
-        interval: Makes a confidence interval of the mean from the subjects' values.
-        published: Whether the paper's printed numbers stand below, as a block of their own.
+        asked: What of them is shown, and how.
 
     Raises:
         HarnessError: no records, or two for one method and subject.
         ProtocolMismatch: records that are not comparable.
     """
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     columns = columns_of(selection.protocol)
     readers = {
         column.id: partial(metric_value, metric=column.id, unit=column.unit) for column in columns
     }
     of = len(selection.subjects)
     rows = [
-        group.row(of, cells_of(readers, group.by_subject, interval)) for group in selection.groups
+        group.row(of, cells_of(readers, group.by_subject, asked.interval))
+        for group in selection.groups
     ]
     table = selection.table(
         name="geometry",
@@ -51,7 +42,7 @@ def geometry_table(
         columns=columns,
         rows=rows,
         remarks=(*selection.remarks, *_floor_remarks(selection, columns)),
-        published=PUBLISHED["geometry"] if published else None,
+        published=PUBLISHED["geometry"] if asked.published else None,
     )
     return with_common_means(table)
 
@@ -133,20 +124,12 @@ def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]
 CAMERA_METRICS = tuple(name for name in METRICS if name.startswith("camera_"))
 
 
-def cameras_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def cameras_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """The errors of estimated cameras, of rows that worked with such.
 
     Arguments and errors are those of ``geometry_table``; nothing of it is published.
     """
-    del published
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     shown = [group for group in selection.groups if any(map(_has_cameras, group.ok))]
     readers = {name: partial(metric_value, metric=name) for name in CAMERA_METRICS}
     return selection.table(
@@ -154,7 +137,7 @@ def cameras_table(
         title="Estimated cameras",
         columns=[metric_column(name, ranked=False) for name in CAMERA_METRICS],
         rows=[
-            group.row(len(selection.subjects), cells_of(readers, group.by_subject, interval))
+            group.row(len(selection.subjects), cells_of(readers, group.by_subject, asked.interval))
             for group in shown
         ],
         remarks=(

@@ -10,7 +10,7 @@ from harness.core.errors import ProtocolMismatch
 from harness.core.records import Record
 from reports.published import PUBLISHED
 from reports.tables.geometry import metric_column
-from reports.tables.selection import Group, select
+from reports.tables.selection import EVERYTHING, Asked, Group, select
 from reports.tables.table import Cell, Interval, Table, cells_of, with_common_means
 
 #: Metric ids in the order of the paper's table, then ours.
@@ -32,20 +32,13 @@ _FAMILIES = {
 }
 
 
-def jmbo_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def jmbo_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """The fitted bodies of some records: a pure function of them.
 
     Methods that fit no body are named in a remark. Arguments and errors are those of
     ``geometry_table``.
     """
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     with_body = [group for group in selection.groups if not group.ok or _has_body(group)]
     without = [group.title for group in selection.groups if group not in with_body]
     of = len(selection.subjects)
@@ -53,7 +46,7 @@ def jmbo_table(
         name="jmbo",
         title="Body fit",
         columns=(metric_column(name, ranked=name not in _UNRANKED) for name in BODY_METRICS),
-        rows=(group.row(of, _cells(group, interval)) for group in with_body),
+        rows=(group.row(of, _cells(group, asked.interval)) for group in with_body),
         remarks=(
             "Losses: per image, mean over the views; weights of the total 1, 0.2, 0.1",
             "Joints: 12, no alignment",
@@ -61,7 +54,7 @@ def jmbo_table(
             *selection.remarks,
             *([f"Without a fitted body: {'; '.join(without)}"] if without else []),
         ),
-        published=PUBLISHED["jmbo"] if published else None,
+        published=PUBLISHED["jmbo"] if asked.published else None,
     )
     return with_common_means(table)
 

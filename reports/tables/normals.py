@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from harness.core.errors import DataError
 from harness.core.metric_catalog import Unit
 from harness.core.records import AngularErrors, AngularPair, FoldErrors, NormalMapErrors, Record
-from reports.tables.selection import Group, select
+from reports.tables.selection import EVERYTHING, Asked, Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 
 
@@ -151,23 +151,16 @@ _PRINTED = ("median", "below_11_25", "below_22_5", "below_30", "all_error")
 _PRINTED_FOLDS = ("folds_share", "fold_correlation")
 
 
-def normals_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def normals_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """The errors of some records' normal maps: a pure function of them.
 
     Methods with a record without normal maps are named in a remark; without any other
     method there are no rows. Arguments and errors are those of ``geometry_table``.
     """
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     shown = [group for group in selection.shown(_maps) if group.ok]
     rows = [
-        _row(group, key, len(selection.subjects), interval)
+        _row(group, key, len(selection.subjects), asked.interval)
         for group in shown
         for key in _keys(group)
     ]
@@ -187,7 +180,7 @@ def normals_table(
             *_estimator_remarks(shown),
             *selection.remarks,
             *filter(None, [selection.absence(shown, _maps, _ABSENT)]),
-            *(["The paper prints no errors of normal maps"] if published else []),
+            *(["The paper prints no errors of normal maps"] if asked.published else []),
         ),
     )
 

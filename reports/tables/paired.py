@@ -17,7 +17,7 @@ from harness.core.metric_catalog import METRICS, Unit
 from harness.core.records import Record
 from reports.statistics import sign_flip_p_value
 from reports.tables.geometry import GEOMETRY_METRICS, metric_column, metric_value
-from reports.tables.selection import Group, Selection, check_comparable, select
+from reports.tables.selection import EVERYTHING, Asked, Group, Selection, check_comparable, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 
 #: A difference with a p-value above this may be chance.
@@ -28,42 +28,29 @@ _NOT_PRINTED = (
 )
 
 
-def paired_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def paired_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """Each method minus the first, mean over the subjects that both have: a pure function.
 
     Args:
         records: Records of one run.
-        methods: The first that may be ranked is compared against; by default the records' first.
-        subjects: Subjects that count; all of the records' by default.
-        interval: Makes a confidence interval of the mean difference.
-        published: Says that the paper prints no such numbers.
+        asked: The first method that may be ranked is compared against; intervals are of the mean
+            differences.
 
     Raises:
         HarnessError, ProtocolMismatch: as ``geometry_table``.
     """
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     ranked = [group for group in selection.groups if group.competes]
     title = f"Difference from {ranked[0].title}" if ranked else "Differences"
     pairs = [(group, ranked[0]) for group in ranked[1:]]
-    remarks = [_NOT_PRINTED] if published else []
-    return _table(selection, pairs, title, interval, remarks)
+    remarks = [_NOT_PRINTED] if asked.published else []
+    return _table(selection, pairs, title, asked.interval, remarks)
 
 
 def change_table(
     records: Sequence[Record],
     before: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
+    asked: Asked = EVERYTHING,
 ) -> Table:
     """Each method minus itself in other records, mean over the subjects that both have.
 
@@ -71,25 +58,22 @@ def change_table(
         records: Records of one run.
         before: Those of another, of the same photos and by the same metric protocol; methods that
             it does not have are left out, and a remark names them.
-        methods: Rows wanted, in this order; by default all that both have.
-        subjects: Subjects that count; all of the records' by default.
-        interval: Makes a confidence interval of the mean difference.
-        published: Says that the paper prints no such numbers.
+        asked: Methods are by default all that both have; intervals are of the mean differences.
 
     Raises:
         HarnessError, ProtocolMismatch: as ``geometry_table``; also where records of both cannot be
             compared.
     """
     known = {record.method_name for record in before}
-    asked = list(methods or dict.fromkeys(record.method_name for record in records))
-    both = [name for name in asked if name in known]
+    wanted = list(asked.methods or dict.fromkeys(record.method_name for record in records))
+    both = [name for name in wanted if name in known]
     if not both:
         raise HarnessError(
             "the records before have none of these methods",
-            expected=", ".join(asked),
+            expected=", ".join(wanted),
             got=", ".join(sorted(known)) or "no record",
         )
-    selection = select(records, both, subjects)
+    selection = select(records, both, asked.subjects)
     earlier = select(before, both, selection.subjects)
     check_comparable(
         [each for of in (selection, earlier) for group in of.groups for each in group.ok]
@@ -99,12 +83,14 @@ def change_table(
         (group, replace(other, title=f"{group.title}, before"))
         for group, other in zip(selection.groups, earlier.groups, strict=True)
     ]
-    without = [name for name in asked if name not in known]
+    without = [name for name in wanted if name not in known]
     remarks = [
-        *([_NOT_PRINTED] if published else []),
+        *([_NOT_PRINTED] if asked.published else []),
         *([f"Not in the records before: {', '.join(without)}"] if without else []),
     ]
-    return _table(selection, pairs, "Difference from the same method before", interval, remarks)
+    return _table(
+        selection, pairs, "Difference from the same method before", asked.interval, remarks
+    )
 
 
 def _table(

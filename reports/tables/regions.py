@@ -11,8 +11,8 @@ from functools import partial
 from harness.core.errors import DataError
 from harness.core.metric_catalog import Unit
 from harness.core.records import Record, RegionErrors
-from reports.tables.selection import Group, select
-from reports.tables.table import Column, Interval, Table, cells_of, with_common_means
+from reports.tables.selection import EVERYTHING, Asked, Group, select
+from reports.tables.table import Column, Table, cells_of, with_common_means
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,21 +98,14 @@ _MORE = (
 )
 
 
-def regions_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def regions_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """The errors by region of some records: a pure function of them.
 
     A subject counts in the columns whose regions it has. Methods with a record without errors
     by region are named in a remark; without any other method there are no rows. Arguments and
     errors are those of ``geometry_table``.
     """
-    selection = select(records, methods, subjects)
+    selection = select(records, asked.methods, asked.subjects)
     shown = selection.shown(_regions)
     measured = any(group.ok for group in shown)
     of = len(selection.subjects)
@@ -122,7 +115,7 @@ def regions_table(
         columns=(_column(_COMPLETENESS, group) for group in REGION_GROUPS),
         more=tuple(_column(measure, group) for measure in _MORE for group in REGION_GROUPS),
         rows=(
-            group.row(of, cells_of(_READERS, group.by_subject, interval))
+            group.row(of, cells_of(_READERS, group.by_subject, asked.interval))
             for group in shown
             if measured
         ),
@@ -131,7 +124,7 @@ def regions_table(
             *_subject_remarks(shown),
             *selection.remarks,
             *filter(None, [selection.absence(shown, _regions, _ABSENT)]),
-            *(["The paper prints no errors by region"] if published else []),
+            *(["The paper prints no errors by region"] if asked.published else []),
         ),
     )
     return with_common_means(table)

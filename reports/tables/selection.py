@@ -16,7 +16,7 @@ from harness.core.files.hashing import canonical_json
 from harness.core.files.names import suffix_of
 from harness.core.protocols import MethodInfo, Privilege
 from harness.core.records import ProtocolStamp, Record
-from reports.tables.table import Cell, Column, Row, Table
+from reports.tables.table import Cell, Column, Interval, Row, Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,6 +110,26 @@ class Selection:
             if group not in shown
         ]
         return f"Without {what}: {'; '.join(names)}" if names else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a table is asked for.
+
+    Attributes:
+        methods, subjects: As of ``select``.
+        interval: Makes a confidence interval of a mean from the subjects' values.
+        published: Whether the paper's printed numbers stand below, as a block of their own; where
+            it prints none, the table says so.
+    """
+
+    methods: Sequence[str] | None = None
+    subjects: Sequence[str] | None = None
+    interval: Interval | None = None
+    published: bool = False
+
+
+EVERYTHING = Asked()
 
 
 def select(

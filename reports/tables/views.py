@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from harness.core.metric_catalog import Unit
 from harness.core.records import Record
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
-from reports.tables.table import Cell, Column, Interval, Row, Table
+from reports.tables.selection import EVERYTHING, Asked
+from reports.tables.table import Cell, Column, Row, Table
 
 _VIEWS = Column("views", "Views", "Views", Unit.none.value, 0, ranked=False)
 
@@ -32,34 +33,22 @@ class ViewSeries:
     points: tuple[ViewPoint, ...]
 
 
-def views_table(
-    records: Sequence[Record],
-    *,
-    methods: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    interval: Interval | None = None,
-    published: bool = False,
-) -> Table:
+def views_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
     """The geometry table with the number of views that each method used, by method and views.
 
     Rows of one method, which differ in settings, stand together. Arguments and errors are those of
     ``geometry_table``.
     """
     counts = _counts(records)
-    asked = list(dict.fromkeys(methods or (record.method_name for record in records)))
+    every = list(dict.fromkeys(asked.methods or (record.method_name for record in records)))
     # Only rows that are shown say over which subjects they are ranked.
-    table = geometry_table(
-        records,
-        methods=[name for name in asked if name in counts] or asked,
-        subjects=subjects,
-        interval=interval,
-        published=published,
-    )
+    shown = [name for name in every if name in counts] or every
+    table = geometry_table(records, replace(asked, methods=shown))
     known = [row for row in table.rows if row.method in counts]
     families = list(dict.fromkeys(_family(row) for row in known))
     known.sort(key=lambda row: (families.index(_family(row)), counts[row.method]))
     titles = {record.method_name: record.method.title for record in records}
-    unknown = [titles.get(name, name) for name in asked if name not in counts]
+    unknown = [titles.get(name, name) for name in every if name not in counts]
     left_out = [f"How many views were used is not known: {', '.join(unknown)}"] if unknown else []
     return replace(
         table,

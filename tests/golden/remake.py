@@ -9,6 +9,7 @@ from harness.report.tables import FORMATS
 from harness.run.store import RunStore
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
+from reports.tables.selection import Asked
 
 HERE = Path(__file__).parent
 
@@ -23,11 +24,11 @@ def golden_tables():
     records = RunStore(HERE / "run").records()
     order = ("hull8", "mexecon", "vggt", "gt")
     tables = {
-        "geometry": geometry_table(records, methods=order),
-        "geometry_intervals": geometry_table(records, methods=order, interval=spread),
-        "geometry_published": geometry_table(records, methods=order, published=True),
-        "geometry_complete": geometry_table(records, methods=("hull8", "gt")),
-        "cost": cost_table(records, methods=order, published=True),
+        "geometry": geometry_table(records, Asked(methods=order)),
+        "geometry_intervals": geometry_table(records, Asked(methods=order, interval=spread)),
+        "geometry_published": geometry_table(records, Asked(methods=order, published=True)),
+        "geometry_complete": geometry_table(records, Asked(methods=("hull8", "gt"))),
+        "cost": cost_table(records, Asked(methods=order, published=True)),
     }
     return {
         f"{name}.{extension}": write(table)

@@ -16,6 +16,7 @@ from reports.published import PUBLISHED, UNIT_NOTE
 from reports.published.printed import STORED_METHODS, SUBJECTS, stored_averages, stored_records
 from reports.tables.cost import cost_table
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
+from reports.tables.selection import Asked
 
 ROOT = Path(__file__).parents[3]
 RECORDS = RunStore(Path(__file__).parents[2] / "golden" / "run").records()
@@ -48,7 +49,7 @@ def test_the_printed_geometry_has_our_columns():
 
 @pytest.mark.parametrize("make", [geometry_table, cost_table])
 def test_printed_numbers_are_shown_on_request_only_and_never_bold(make):
-    plain, shown = make(RECORDS), make(RECORDS, published=True)
+    plain, shown = make(RECORDS), make(RECORDS, Asked(published=True))
     assert plain.rows == shown.rows
     assert "ECON &" not in to_latex(plain)
     below = to_latex(shown).split("Published, not measured here")[1]

@@ -15,6 +15,7 @@ from reports.formats.latex import to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.cost import cost_table
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
+from reports.tables.selection import Asked
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 HULL = [record for record in RECORDS if record.method_name == "hull8"]
@@ -25,7 +26,7 @@ def spread(values):
 
 
 def test_json_has_the_documented_form():
-    document = json.loads(to_json(geometry_table(RECORDS, interval=spread)))
+    document = json.loads(to_json(geometry_table(RECORDS, Asked(interval=spread))))
     assert document["table"] == "geometry"
     assert document["protocol"]["name"] == "mexecon"
     rows = {row["method"]: row for row in document["rows"]}
@@ -58,7 +59,7 @@ def test_json_of_costs_names_the_statistic():
 
 
 def test_csv_has_unrounded_numbers_and_says_what_they_are():
-    table = geometry_table(RECORDS, published=True)
+    table = geometry_table(RECORDS, Asked(published=True))
     lines = list(csv.DictReader(io.StringIO(to_csv(table))))
     measured = [line for line in lines if line["block"] == "measured"]
     assert [line["method"] for line in measured] == [row.method for row in table.rows]
@@ -73,7 +74,7 @@ def test_csv_has_unrounded_numbers_and_says_what_they_are():
 
 
 def test_csv_does_not_put_a_number_under_another_unit():
-    lines = list(csv.DictReader(io.StringIO(to_csv(cost_table(HULL, published=True)))))
+    lines = list(csv.DictReader(io.StringIO(to_csv(cost_table(HULL, Asked(published=True))))))
     published = [line for line in lines if line["block"] == "published"]
     assert {line["peak_gpu_mib_max_MiB"] for line in published} == {""}
     assert [line["wall_s_mean_s"] for line in published] == ["45.0", "60.0", "150.0", "5.0"]

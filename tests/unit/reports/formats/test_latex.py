@@ -15,6 +15,7 @@ from harness.run.store import RunStore
 from reports.formats.latex import escape, to_latex
 from reports.tables.cost import cost_table
 from reports.tables.geometry import geometry_table
+from reports.tables.selection import Asked
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 NASTY = r"50% & $5_000 #1 {a}\b ~^ <x> |y| " + '"q" [z] * Uğur × ± ≥ 漢 --flag –'
@@ -37,10 +38,10 @@ def nasty_records():
 
 TABLES = {
     "geometry": geometry_table(RECORDS),
-    "published": geometry_table(RECORDS, published=True, interval=spread),
-    "complete": geometry_table(RECORDS, methods=["hull8"]),
-    "cost": cost_table(RECORDS, published=True, interval=spread),
-    "nasty": geometry_table(list(nasty_records()), interval=spread),
+    "published": geometry_table(RECORDS, Asked(published=True, interval=spread)),
+    "complete": geometry_table(RECORDS, Asked(methods=["hull8"])),
+    "cost": cost_table(RECORDS, Asked(published=True, interval=spread)),
+    "nasty": geometry_table(list(nasty_records()), Asked(interval=spread)),
     "nasty cost": cost_table(list(nasty_records())),
 }
 

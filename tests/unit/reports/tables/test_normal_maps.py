@@ -15,6 +15,7 @@ from harness.run.store import RunStore
 from reports.formats.latex import to_latex, to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.normals import headline, normals_table
+from reports.tables.selection import Asked
 
 RUN = Path(__file__).parents[3] / "golden" / "run"
 RECORDS = [r for r in RunStore(RUN).records() if r.method_name in ("mexecon", "hull8")]
@@ -134,7 +135,9 @@ def test_the_estimator_and_the_methods_without_maps_are_named():
 
 
 def test_print_is_narrow_and_files_have_everything():
-    table = normals_table(with_maps(four), interval=lambda values: (min(values), max(values)))
+    table = normals_table(
+        with_maps(four), Asked(interval=lambda values: (min(values), max(values)))
+    )
     header = next(line for line in to_markdown(table).splitlines() if line.startswith("| Method"))
     assert header.count("(deg)") == 4
     assert header.count("(%)") == 4

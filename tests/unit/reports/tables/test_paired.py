@@ -11,6 +11,7 @@ from harness.core.records import CaptureStamp
 from harness.run.store import RunStore
 from reports.tables.geometry import GEOMETRY_METRICS
 from reports.tables.paired import change_table, paired_table
+from reports.tables.selection import Asked
 
 RECORDS = RunStore(Path(__file__).parents[3] / "golden" / "run").records()
 TEMPLATE = next(record for record in RECORDS if record.method_name == "hull8")
@@ -33,7 +34,7 @@ def scored(method, values, subjects=SIX, **given):
 
 
 def table_of(*records, **options):
-    return paired_table([r for group in records for r in group], **options)
+    return paired_table([r for group in records for r in group], Asked(**options))
 
 
 HARD = scored("base", [10.0, 20.0, 30.0, 40.0, 50.0, 60.0])
@@ -101,7 +102,7 @@ def test_each_method_is_compared_with_itself_before():
     old, new = (Part("normal estimator", name, "MIT") for name in ("old", "new"))
     before = [*scored("one", [10.0, 20.0, 30.0, 40.0, 50.0, 60.0], parts=(old,)), *HARD]
     after = [*scored("one", [8.0, 19.0, 28.0, 39.0, 48.0, 59.0], parts=(new,)), *HARD]
-    table = change_table(after, before, interval=lambda v: (min(v), max(v)))
+    table = change_table(after, before, Asked(interval=lambda v: (min(v), max(v))))
 
     assert table.title == "Difference from the same method before"
     first, second = table.rows

@@ -15,6 +15,7 @@ from harness.run.store import RunStore
 from reports.formats.latex import to_latex, to_markdown
 from reports.formats.programs import to_csv, to_json
 from reports.tables.regions import REGION_GROUPS, regions_table
+from reports.tables.selection import Asked
 
 RUN = Path(__file__).parents[3] / "golden" / "run"
 RECORDS = [r for r in RunStore(RUN).records() if r.method_name in ("hull8", "gt")]
@@ -68,7 +69,7 @@ def test_a_subject_counts_where_it_has_the_region():
         second: {"arms": errors(900.0, share=0.001), "hair": errors(7.0)},
     }
     records = with_regions(lambda subject: regions.get(subject, {"hair": errors(6.0)}))
-    table = regions_table(records, methods=["hull8"])
+    table = regions_table(records, Asked(methods=["hull8"]))
     cells = rows(table)["hull8"]["metrics"]
     assert cells["completeness_arms"]["mean"] == pytest.approx(10.0)
     n = len([r for r in records if r.regions])

@@ -14,6 +14,7 @@ from harness.core.protocols import Part, Privilege
 from harness.core.records import CaptureStamp, MetricValue, ProtocolStamp
 from harness.run.store import RunStore
 from reports.tables.geometry import geometry_table
+from reports.tables.selection import Asked
 from reports.tables.table import footnote_mark
 
 RUN = Path(__file__).parents[3] / "golden" / "run"
@@ -59,11 +60,11 @@ def test_a_subject_without_a_record_still_counts():
 
 def test_choosing_methods_does_not_shrink_the_set_of_subjects():
     records = [*of_method("hull8")[:1], *of_method("gt")]
-    assert row_of(geometry_table(records, methods=["hull8"]), "hull8").of == 3
+    assert row_of(geometry_table(records, Asked(methods=["hull8"])), "hull8").of == 3
 
 
 def test_a_method_without_any_record_keeps_its_place():
-    table = geometry_table(RECORDS, methods=["hull8", "econ"])
+    table = geometry_table(RECORDS, Asked(methods=["hull8", "econ"]))
     assert [row.method for row in table.rows] == ["hull8", "econ"]
     assert (table.rows[1].n, table.rows[1].of, table.rows[1].cells) == (0, 3, {})
     assert table.rows[1].notes == ("3 of 3 not run (a01, a02, a03)",)
@@ -71,11 +72,11 @@ def test_a_method_without_any_record_keeps_its_place():
 
 def test_rows_stand_as_asked():
     order = ["gt", "vggt", "hull8", "mexecon"]
-    assert [row.method for row in geometry_table(RECORDS, methods=order).rows] == order
+    assert [row.method for row in geometry_table(RECORDS, Asked(methods=order)).rows] == order
 
 
 def test_only_the_subjects_asked_for_count():
-    table = geometry_table(RECORDS, subjects=["a02"])
+    table = geometry_table(RECORDS, Asked(subjects=["a02"]))
     assert [(row.n, row.of) for row in table.rows] == [(1, 1), (1, 1), (0, 1), (0, 1)]
 
 
@@ -84,7 +85,9 @@ def test_the_order_of_records_does_not_matter(shuffler: random.Random):
     shuffled = list(RECORDS)
     shuffler.shuffle(shuffled)
     order = ["hull8", "mexecon", "vggt", "gt"]
-    assert geometry_table(shuffled, methods=order) == geometry_table(RECORDS, methods=order)
+    assert geometry_table(shuffled, Asked(methods=order)) == geometry_table(
+        RECORDS, Asked(methods=order)
+    )
 
 
 def test_the_best_is_compared_after_rounding_and_ties_are_all_best():
@@ -168,9 +171,9 @@ def test_the_floor_is_that_of_the_truths_whatever_the_rows():
 
 def test_an_interval_needs_two_subjects():
     spread = lambda values: (min(values), max(values))  # noqa: E731
-    cell = geometry_table(of_method("hull8"), interval=spread).rows[0].cells["chamfer"]
+    cell = geometry_table(of_method("hull8"), Asked(interval=spread)).rows[0].cells["chamfer"]
     assert (cell.low, cell.high) == (13.078, 16.333)
-    cell = geometry_table(of_method("hull8")[:1], interval=spread).rows[0].cells["chamfer"]
+    cell = geometry_table(of_method("hull8")[:1], Asked(interval=spread)).rows[0].cells["chamfer"]
     assert (cell.low, cell.high) == (None, None)
 
 
@@ -259,7 +262,7 @@ def test_nothing_to_report_says_what_there_is():
     with pytest.raises(HarnessError, match="Run 'harness eval' first"):
         geometry_table([])
     with pytest.raises(HarnessError, match=r"no records of hull9 .* hull8"):
-        geometry_table(of_method("hull8"), methods=["hull9"])
+        geometry_table(of_method("hull8"), Asked(methods=["hull9"]))
 
 
 def test_the_caption_says_what_was_measured_and_how():

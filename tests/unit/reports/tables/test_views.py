@@ -14,6 +14,7 @@ from harness.run.store import RunStore
 from reports.figures.charts import view_curves
 from reports.formats.latex import to_markdown
 from reports.statistics import bootstrap_ends
+from reports.tables.selection import Asked
 from reports.tables.views import view_series, views_table
 
 HULL = [
@@ -68,7 +69,7 @@ def test_series_need_two_numbers_of_views():
 
 
 def test_curves_are_drawn_with_their_bands(tmp_path):
-    table = views_table(RECORDS, interval=bootstrap_ends)
+    table = views_table(RECORDS, Asked(interval=bootstrap_ends))
     paths = [tmp_path / name for name in ("views.png", "again.png")]
     for path in paths:
         view_curves(view_series(table), path, "toy, 3 subjects")
