@@ -55,9 +55,10 @@ Cameras = Annotated[
     typer.Option(
         "--cameras",
         metavar="HOW",
-        help=f"How cameras are known: {', '.join(CAMERAS)}. Estimated ones are found from the "
-        "photos and their focal length (estimated-all: from the photos alone), rows are called "
-        "such as mexecon+-uncalibrated, and results are brought to the scan by their cameras.",
+        help=f"How cameras are known: {', '.join(CAMERAS)}. Refined ones are those given, as "
+        "outlines and photos correct them. Estimated ones are found from the photos and their "
+        "focal length (estimated-all: from the photos alone), and results are brought to the scan "
+        "by their cameras. Rows are called such as mexecon+-uncalibrated.",
     ),
 ]
 Seeds = Annotated[

@@ -22,7 +22,13 @@ from harness.photos.load_photos import TakenView
 from harness.photos.matching import MatchedPhoto
 from harness.photos.one_photo import check_field, level_camera
 from harness.photos.request import AUTO, ImportRequest, check_height
-from harness.run.uncalibrated import ESTIMATE, ESTIMATORS, found_cameras
+from harness.run.uncalibrated import (
+    ESTIMATE,
+    ESTIMATORS,
+    REFINED,
+    found_cameras,
+    refined_cameras,
+)
 from methods.cameras.values import EstimatedCameras, Focal, PhotoView
 
 #: Photos' files tell focal lengths in whole millimetres of 35 mm film, and phones crop.
@@ -134,11 +140,8 @@ def refined(views: Sequence[TakenView], folder: Path, report: StepReport) -> Pos
     Raises:
         MethodError: photos and cameras contradict each other.
     """
-    found: EstimatedCameras = ESTIMATORS.resolve("refine")(
-        _photo_views(views, folder),
-        [view.camera for view in views],
-        report=report,
-    )
+    given = [view.camera for view in views]
+    found = refined_cameras(_photo_views(views, folder), given, report)
     apart = [
         (np.degrees(np.arccos(min(1.0, float(view.camera.forward @ new.forward)))),
          1e3 * float(np.linalg.norm(view.camera.position - new.position)))
@@ -146,7 +149,7 @@ def refined(views: Sequence[TakenView], folder: Path, report: StepReport) -> Pos
     ]  # fmt: skip
     turn_deg, move_mm = np.median(apart, axis=0)
     note = f"cameras were refined: by {turn_deg:.2f} degrees and {move_mm:.1f} mm in the median"
-    return _posed(views, found, folder, {"refined": found.to_dict()}, (note,))
+    return _posed(views, found, folder, {REFINED: found.to_dict()}, (note,))
 
 
 def _photo_views(views: Sequence[TakenView], folder: Path) -> list[PhotoView]:

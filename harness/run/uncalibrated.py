@@ -1,8 +1,9 @@
-"""Photos whose cameras were estimated: made of a data set's photos, seen and scored honestly.
+"""Photos whose cameras were estimated or refined: of a data set's photos, scored honestly.
 
-The cameras are withheld and found again from the photos. A method works in the world that was
+Estimated cameras are withheld and found again from the photos. A method works in the world that was
 found with them, as it would with a user's photos; what it makes is brought to the scan by the
-Sim(3) by which found cameras show what true ones do, never by its surface.
+Sim(3) by which found cameras show what true ones do, never by its surface. Refined cameras stay in
+the world of those that were given, and nothing is brought anywhere.
 """
 
 import math
@@ -43,8 +44,10 @@ ESTIMATORS = Registry(
         "refine": "methods.cameras.estimate:refine_cameras",
     },
 )
-#: Where a capture tells of its estimate.
-ESTIMATE = "estimate"
+#: Where a capture tells of its estimate, and of given cameras that were refined.
+ESTIMATE, REFINED = "estimate", "refined"
+#: Where it tells the true cameras, if its own are not.
+_EXACT = "exact_cameras"
 #: So many of the scan's vertices, about, are projected.
 _POINTS = 2000
 
@@ -76,9 +79,9 @@ def estimate_inputs(photos: Capture, suffix: str) -> dict[str, object]:
 def estimated_capture(
     photos: Capture, mesh: Mesh, recipe: str, directory: Path, report: StepReport
 ) -> Capture:
-    """A capture of the same photos with estimated cameras, in place of ``directory``.
+    """A capture of the same photos with estimated or refined cameras, in place of ``directory``.
 
-    Its cameras are brought to the scan's world; ``own_world`` gives those that were found.
+    Estimated ones are brought to the scan's world; ``own_world`` gives those that were found.
 
     Args:
         photos: With the true cameras, or with those that a calibration gave.
@@ -93,22 +96,29 @@ def estimated_capture(
         MissingPart: MediaPipe is not installed.
     """
     inputs = estimate_inputs(photos, suffix_of(recipe))
-    found, told = _estimated(photos, mesh, suffix_of(recipe), report)
+    views = [
+        PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
+        for view in range(len(photos.cameras))
+    ]
+    is_refined = suffix_of(recipe) == CAMERAS["refined"]
+    if is_refined:
+        found = refined_cameras(views, photos.cameras, report)
+        told: dict[str, Any] = found.to_dict()
+    else:
+        found, told = _estimated(photos, views, mesh, suffix_of(recipe), report)
     kept = [view for view, camera in enumerate(found.cameras) if camera is not None]
     own = [camera for camera in found.cameras if camera is not None]
     known = [_true_cameras(photos)[view] for view in kept]
-    move = similarity_of_pictures(own, known)
+    move = Similarity.of(np.eye(4)) if is_refined else similarity_of_pictures(own, known)
     x, _, z = move.rotation[:, 2]  # where the person faces
     images = [image_name(number) for number in range(len(kept))]
     with atomic_directory(directory) as folder:
         for view, name in zip(kept, images, strict=True):
             (folder / name).parent.mkdir(exist_ok=True)
             shutil.copyfile(photos.image_path(view), folder / name)
-        told |= {
-            "own_to_world": move.matrix.tolist(),
-            "own_cameras": [camera.to_dict() for camera in own],
-            "known_cameras": [camera.to_dict() for camera in known],
-        }
+        told["own_cameras"] = [camera.to_dict() for camera in own]
+        if not is_refined:
+            told["own_to_world"] = move.matrix.tolist()
         hashes = {name: file_sha256(folder / name) for name in images}
         made = replace(
             photos,
@@ -116,24 +126,37 @@ def estimated_capture(
             key=content_hash(inputs),
             directory=directory,
             cameras=tuple(move.camera(camera) for camera in own),
-            front_yaw_deg=math.degrees(math.atan2(x, z)),
+            front_yaw_deg=photos.front_yaw_deg if is_refined else math.degrees(math.atan2(x, z)),
             warnings=(*photos.warnings, *found.remarks),
-            provenance={**photos.provenance, "inputs": inputs, ESTIMATE: told, "images": hashes},
+            provenance={
+                **photos.provenance,
+                "inputs": inputs,
+                "images": hashes,
+                REFINED if is_refined else ESTIMATE: told,
+                _EXACT: [camera.to_dict() for camera in known],
+            },
         )
         write_transforms_json(folder / "transforms.json", made.cameras, images)
         write_json(folder / "capture.json", made.to_dict())
     return made
 
 
+def refined_cameras(
+    photos: Sequence[PhotoView], cameras: Sequence[Camera], report: StepReport
+) -> EstimatedCameras:
+    """Given cameras as outlines and photos correct them, in the world in which they were given.
+
+    Raises:
+        MethodError: photos and cameras contradict each other, or a camera is orthographic.
+    """
+    return ESTIMATORS.resolve("refine")(photos, cameras, report=report)
+
+
 def _estimated(
-    photos: Capture, mesh: Mesh, suffix: str, report: StepReport
+    photos: Capture, views: Sequence[PhotoView], mesh: Mesh, suffix: str, report: StepReport
 ) -> tuple[EstimatedCameras, dict[str, object]]:
     """The cameras in a world of their own, and what a capture tells of them."""
     require_perspective(photos.cameras, "cannot be estimated from photos")
-    views = [
-        PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
-        for view in range(len(photos.cameras))
-    ]
     focal, source = Focal.unknown(views), "found"
     if suffix == CAMERAS["estimated"]:
         focal = Focal(tuple(float(camera.K[0, 0]) for camera in photos.cameras))
@@ -164,17 +187,20 @@ def found_cameras(
 
 def _true_cameras(photos: Capture) -> tuple[Camera, ...]:
     """The exact ones, where methods are given what a calibration finds."""
-    exact = photos.provenance.get("exact_cameras")
+    exact = photos.provenance.get(_EXACT)
     return tuple(map(Camera.from_dict, exact)) if exact else photos.cameras
 
 
 def own_world(capture: Capture) -> Capture:
     """The capture as a method is given it: with the cameras as they were found, where they were."""
-    estimate: Mapping[str, Any] = capture.provenance.get(ESTIMATE, {})
-    if "own_to_world" not in estimate:
+    if "own_to_world" not in _told(capture):
         return capture
-    cameras = tuple(map(Camera.from_dict, estimate["own_cameras"]))
-    return replace(capture, cameras=cameras, front_yaw_deg=0.0)
+    return replace(capture, cameras=found_and_true(capture)[0], front_yaw_deg=0.0)
+
+
+def _told(capture: Capture) -> Mapping[str, Any]:
+    """What a capture tells of its estimated or refined cameras; nothing of those given."""
+    return capture.provenance.get(ESTIMATE) or capture.provenance.get(REFINED) or {}
 
 
 def brought(
@@ -218,9 +244,10 @@ def with_cameras(
 ) -> Scores:
     """The scores with the errors of cameras that the capture, or else the method, estimated."""
     diagnostics = scores.diagnostics
-    if own_world(capture) is not capture:
+    if "own_cameras" in _told(capture):
         found, known = found_and_true(capture)
-        diagnostics = diagnostics and replace(diagnostics, alignment="sim3-cameras")
+        if own_world(capture) is not capture:
+            diagnostics = diagnostics and replace(diagnostics, alignment="sim3-cameras")
     elif result.cameras and _are_estimated(method, capture):
         found, known = zip(*result.cameras, strict=True)
     else:
@@ -233,13 +260,9 @@ def with_cameras(
 def _are_estimated(method: MethodInfo, capture: Capture) -> bool:
     """Whether a method's cameras are its own finding, and those beside them the true ones."""
     has_scan = Privilege.GROUND_TRUTH_MESH in method.privileges
-    return not has_scan and "exact_cameras" not in capture.provenance
+    return not has_scan and _EXACT not in capture.provenance
 
 
 def found_and_true(capture: Capture) -> tuple[tuple[Camera, ...], tuple[Camera, ...]]:
     """Cameras of the photos as they were found, in their own world, and the true ones."""
-    estimate = capture.provenance[ESTIMATE]
-    own, known = (
-        tuple(map(Camera.from_dict, estimate[name])) for name in ("own_cameras", "known_cameras")
-    )
-    return own, known
+    return tuple(map(Camera.from_dict, _told(capture)["own_cameras"])), _true_cameras(capture)

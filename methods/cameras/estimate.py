@@ -62,8 +62,8 @@ _SEARCHES = MatchSearch(sample_m=0.0022, across_px=4), MatchSearch(sample_m=0.00
 _OTHER_FOCAL_SD_M, _OTHER_FOCAL_GAIN = 0.001, 0.5
 _OTHER_FOCAL_ROUNDS, _OTHER_FOCAL_PERCENT = 8, 1.5
 #: Given cameras stay where photos would move by less, or two pairs contradict each other by no less
-#: than this share of what they did, as in ``photo_pull.camera_shifts``; asked at about so many
-#: places. Outlines correct them first where they miss by more than ``_CALM_M``, trusted to these.
+#: than this share of what they did; asked at about so many places. Outlines correct them first
+#: where they miss by more than ``_CALM_M``, trusted to these.
 _LEAST_PX, _LEAST_GAIN, _PLACES_ASKED = 0.15, 0.9, 2000
 _CALM_M, _REFINED_M = 0.0004, (0.008, 0.0028, 0.001)
 #: A later search that takes less than this share of the cost away is the last; so many at most.

@@ -54,7 +54,6 @@ from methods.photo_pull.pulled import (
 )
 from methods.stages import Stages, contact_sheet
 from methods.stereo.settings import (
-    CameraSettings,
     DentSettings,
     KeepRules,
     MatchSettings,
@@ -75,7 +74,6 @@ class FusedRooms:
         keep: Which points of it are kept.
         narrow: The search that finishes.
         dents: Which hollows of that surface photos are asked about.
-        cameras: How cameras that contradict each other are corrected.
     """
 
     body: FitSettings = JMBO_PLUS
@@ -84,20 +82,12 @@ class FusedRooms:
     keep: KeepRules = field(default_factory=KeepRules)
     narrow: NarrowSettings = field(default_factory=NarrowSettings)
     dents: DentSettings = field(default_factory=DentSettings)
-    cameras: CameraSettings = field(default_factory=CameraSettings)
 
     @property
     def stereo(self) -> StereoSettings:
         """Those of photo-consistency."""
         near = near_settings()
-        return replace(
-            near,
-            match=self.match,
-            keep=self.keep,
-            narrow=self.narrow,
-            dents=self.dents,
-            cameras=self.cameras,
-        )
+        return replace(near, match=self.match, keep=self.keep, narrow=self.narrow, dents=self.dents)
 
 
 #: Where a silhouette loses more than this share between start and end, a limb came off: a forearm
@@ -223,7 +213,6 @@ class FusedMethod:
         mesh, details = fused.mesh, {**person.details, "fusion": fused.details()}
         if settings.photos == "on":
             pulled = self._pulled(fused.mesh, capture, person, context)
-            views = _corrected(views, pulled)
             with context.stage("finish"):
                 mesh = finished_surface(settled(pulled.mesh, views, settings), views, settings)
             details["photos"] = pulled.details()
@@ -303,13 +292,6 @@ class FusedMethod:
             if view.index in (0, len(views) // 2):
                 shown.append(maps)
         return given, shown
-
-
-def _corrected(views: Sequence[FusionView], pulled: PulledSurface) -> Sequence[FusionView]:
-    """The views with their cameras where the photos have them."""
-    if pulled.shifts is None or not pulled.shifts.is_used:
-        return views
-    return [view.shifted(by) for view, by in zip(views, pulled.shifts.used_px, strict=True)]
 
 
 def _targets(maps: ViewMaps, trusted_deg: float) -> NormalTargets:

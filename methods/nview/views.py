@@ -72,17 +72,6 @@ class FusionView:
         """The same view with other normals."""
         return replace(self, targets=targets)
 
-    def shifted(self, pixels: Floats) -> FusionView:
-        """The same outline where the photo shows everything (2,) pixels further right and down.
-
-        Without normals: their maps are not moved.
-        """
-        right_px, down_px = pixels
-        outline = self.outline
-        camera = outline.camera.shifted(right_px, down_px)
-        moved = self.camera.shifted(right_px, down_px)
-        return FusionView(self.index, moved, SignedOutline(camera, outline.distance_px))
-
 
 def fusion_view(
     index: int,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from harness.core.arrays import Floats
 from harness.core.artifacts import Capture
-from harness.core.camera import Camera
 from harness.core.files.hashing import file_sha256
 from harness.core.mesh import Mesh
 from harness.core.process.shared_work import Sharing, Work, alone
@@ -24,7 +23,6 @@ from methods.closed.lattices import remeshed
 from methods.stereo.settings import StereoSettings
 
 if TYPE_CHECKING:
-    from methods.photo_pull.camera_shifts import CameraShifts
     from methods.photo_pull.dents import Undented
     from methods.stereo.pull import RoundReport, StereoPoints
     from methods.stereo.views import StereoView
@@ -58,11 +56,9 @@ def hands_of(fitted: BodyFitResult) -> Floats:
 def stereo_parameters(settings: StereoSettings) -> dict[str, dict[str, object]]:
     """The settings by room, as methods state them.
 
-    ``match``, ``keep``, ``narrow`` and ``pulls``, and ``dents`` and ``cameras`` where these are
-    filled and corrected.
+    ``match``, ``keep``, ``narrow`` and ``pulls``, and ``dents`` where these are filled.
     """
-    more = [name for name in ("dents", "cameras") if getattr(settings, name)]
-    names = ("match", "keep", "narrow", *more)
+    names = ("match", "keep", "narrow", *(["dents"] if settings.dents else []))
     rooms: dict[str, dict[str, object]] = {name: asdict(getattr(settings, name)) for name in names}
     rounds: dict[str, object] = {
         f"round_{number}": asdict(each) for number, each in enumerate(settings.pulls, start=1)
@@ -80,7 +76,6 @@ class PulledSurface:
         points: How many points the photos agree on.
         rounds: What each round did.
         undented: What became of the start's dents, if they were asked about.
-        shifts: By how much the cameras were off, if that was asked.
     """
 
     mesh: Mesh
@@ -88,12 +83,10 @@ class PulledSurface:
     points: int
     rounds: tuple[RoundReport, ...]
     undented: Undented | None = None
-    shifts: CameraShifts | None = None
 
     def details(self) -> dict[str, object]:
         """Plain JSON values for a record's reader."""
         return {
-            **({"cameras": self.shifts.details()} if self.shifts else {}),
             **({"dents": self.undented.details()} if self.undented else {}),
             "points": self.points,
             "rounds": [
@@ -123,20 +116,12 @@ def pulled_to_photos(
         MethodError: a photo that does not fit its camera or shows nothing of the subject.
     """
     # Not at the top: Warp takes a second to start, and methods are listed without it.
-    from methods.photo_pull.camera_shifts import camera_shifts
     from methods.photo_pull.dents import without_dents
     from methods.stereo.pull import joined, pull
     from methods.stereo.surface import finished
 
     settings = task.settings
-    undented = shifts = None
-    if settings.cameras and settings.cameras.least_px:
-        with context.stage("cameras"):
-            views = _stereo_views(capture, task)
-            shifts = camera_shifts(start, views, settings.narrow, settings.cameras)
-            capture = replace(capture, cameras=_corrected(capture.cameras, task.views, shifts))
-            del views
-        give_freed_memory_back()
+    undented = None
     with context.stage("points"):
         points = agreed_points(start, capture, task, context.share)
         points = points.away_from(task.hands, settings.keep.hands_m)
@@ -155,7 +140,7 @@ def pulled_to_photos(
             # Read anew: in full resolution the photos take as much memory as the pull does.
             finish = finished(mesh, _stereo_views(capture, task), settings)
             mesh, rounds = finish.mesh, (*rounds, *finish.rounds)
-    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds), undented, shifts)
+    return PulledSurface(mesh, pulled.mesh, len(points), tuple(rounds), undented)
 
 
 def agreed_points(
@@ -199,16 +184,6 @@ def agreed_points(
             ),
         )
     )
-
-
-def _corrected(
-    cameras: Sequence[Camera], views: Sequence[int], shifts: CameraShifts
-) -> tuple[Camera, ...]:
-    """All cameras of a capture, those of some views where their photos have them."""
-    found = list(cameras)
-    for view, pixels in zip(views, shifts.used_px, strict=True):
-        found[view] = found[view].shifted(*pixels)
-    return tuple(found)
 
 
 def _arrays(points: StereoPoints) -> dict[str, NDArray[Any]]:

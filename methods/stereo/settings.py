@@ -169,44 +169,6 @@ class DentSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraSettings:
-    """How cameras that contradict each other are corrected; see ``photo_pull.camera_shifts``.
-
-    Two training subjects' exact cameras at ``paper8`` were found off by 0.02 pixels; errors of 0.3
-    and 1 pixel were found to 0.04 and 0.1.
-
-    Attributes:
-        least_px: Cameras are corrected where photos lie further off than this, root mean square
-            over the views; 0 asks nothing and leaves them.
-        gain: And where two pairs of photos then contradict each other by less than this share of
-            what they did.
-        points: About so many points of the surface are asked.
-        reach_m, step_m: How far along its normal each is searched, and in which steps.
-        across_px: How far photos are moved across the lines of matching in the first pass, pixels.
-        across_later_px: And in later ones.
-        passes: Most passes; a later one matches photos where the cameras now have them.
-        rest_px: A pass that changes less than this, root mean square, is the last.
-    """
-
-    least_px: float = 0.15
-    gain: float = 0.9
-    points: int = 12_000
-    reach_m: float = 0.012
-    step_m: float = 0.001
-    across_px: int = 4
-    across_later_px: int = 2
-    passes: int = 4
-    rest_px: float = 0.06
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.least_px <= 100.0:
-            raise HarnessError(
-                f"setting 'least_px' cannot be '{self.least_px}'",
-                expected="0, or up to 100 pixels",
-            )
-
-
-@dataclass(frozen=True, slots=True)
 class StereoSettings:
     """All of them.
 
@@ -216,7 +178,6 @@ class StereoSettings:
         pulls: The rounds.
         narrow: The search that finishes.
         dents: Which hollows of the start are asked about; of a start that is a hull, none.
-        cameras: How cameras are corrected; around a hull, not at all.
     """
 
     match: MatchSettings = field(default_factory=MatchSettings)
@@ -224,7 +185,6 @@ class StereoSettings:
     pulls: tuple[PullRound, ...] = tuple(PullRound(*row) for row in _ROUNDS_M)
     narrow: NarrowSettings = field(default_factory=NarrowSettings)
     dents: DentSettings | None = None
-    cameras: CameraSettings | None = None
 
     def __post_init__(self) -> None:
         radii = self.match.radius_px, self.narrow.radius
@@ -240,12 +200,11 @@ class StereoSettings:
 def near_settings() -> StereoSettings:
     """Settings for a start that other evidence made, such as a fused surface.
 
-    Cameras are corrected and dents asked about; it is searched from 40 mm before it to 60 mm
-    behind, and pulled in four rounds.
+    Dents are asked about; it is searched from 40 mm before it to 60 mm behind, and pulled in four
+    rounds.
     """
     return StereoSettings(
         match=MatchSettings(behind_m=0.060, before_m=0.040),
         pulls=tuple(PullRound(*row) for row in _NEAR_ROUNDS_M),
         dents=DentSettings(),
-        cameras=CameraSettings(),
     )

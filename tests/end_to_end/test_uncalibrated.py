@@ -60,7 +60,8 @@ def source(world: Path) -> Source:
     return Source.select(manifest, Workspace(world), "toy", ("t1",), "tiny-uncalibrated")
 
 
-def evaluated(source: Source, suffix: str) -> Record:
+def evaluated(source: Source, suffix: str = "") -> Record:
+    source = replace(source, suffix=suffix)
     (method,) = chosen_methods(["hull8"], {"hull.voxel_m": "0.02"}, "", suffix=suffix)
     protocol = source.manifest.protocol("exact")
     request = EvalRequest(source, (method,), protocol, RunStore(source.workspace.run("main")))
@@ -83,7 +84,7 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
         return found(list(true))
 
     monkeypatch.setattr(estimate_module, "estimate_cameras", estimate)
-    plain, ours = evaluated(source.calibrated, ""), evaluated(source, "-uncalibrated")
+    plain, ours = evaluated(source), evaluated(source, "-uncalibrated")
     again = source.ensure_capture("t1", silent)
 
     ((count, focal, height_m),) = calls  # cached by what it is made from
@@ -117,6 +118,33 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
     rig = build_table([plain, ours], ReportRequest("cameras"))
     assert "AUC at 5" in rig
     assert "Visual hull, 8 views" in rig
+
+
+def test_refined_cameras_stay_in_the_world_in_which_they_were_given(source, monkeypatch):
+    true = source.calibrated.ensure_capture("t1", silent).cameras
+    lifted = np.eye(4)
+    lifted[1, 3] = 0.1
+    calls = []
+
+    def refine(photos, cameras, **_):
+        calls.append(len(photos))
+        corrected = tuple(camera.in_frame(lifted) for camera in cameras)
+        return replace(found(list(true)), cameras=corrected)
+
+    monkeypatch.setattr(estimate_module, "refine_cameras", refine)
+    plain, ours = evaluated(source), evaluated(source, "-refined")
+    capture = replace(source, suffix="-refined").ensure_capture("t1", silent)
+    assert calls == [8]
+    assert ours.recipe == "tiny-refined"
+    assert ours.method.title.startswith("Visual hull, 8 views, refined")
+    assert ours.method.privileges == plain.method.privileges
+    assert "brought_to_scan" not in ours.details
+    assert "camera_position" not in plain.metrics
+    # Cameras are judged without a common move; of the result nothing takes it away.
+    assert ours.metrics["camera_position"].value == pytest.approx(0, abs=1e-6)
+    assert ours.metrics["chamfer"].value > plain.metrics["chamfer"].value + 10
+    for camera, goal in zip(capture.cameras, true, strict=True):
+        np.testing.assert_allclose(camera.position, goal.position + [0, 0.1, 0], atol=1e-9)
 
 
 def test_a_photo_that_is_left_out_is_named(source, monkeypatch):

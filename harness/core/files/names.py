@@ -29,12 +29,18 @@ NAME_RULE = (
 )
 
 #: How cameras are known, by what ``--cameras`` says, and what it adds to the names of rows and
-#: recipes: the recipe's own; estimated with the focal length given; that estimated, too.
-CAMERAS = {"given": "", "estimated": "-uncalibrated", "estimated-all": "-uncalibrated-all"}
+#: recipes: the recipe's own; these refined; estimated with the focal length given; that estimated,
+#: too.
+CAMERAS = {
+    "given": "",
+    "refined": "-refined",
+    "estimated": "-uncalibrated",
+    "estimated-all": "-uncalibrated-all",
+}
 
 
 def suffix_of(name: str) -> str:
-    """What of a row's or a recipe's name says that cameras were estimated; empty if nothing."""
+    """What of a row's or a recipe's name says how cameras are known; empty if as given."""
     return next((each for each in CAMERAS.values() if each and name.endswith(each)), "")
 
 

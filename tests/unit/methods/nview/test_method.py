@@ -56,16 +56,10 @@ def context(folder, mesh=None) -> Context:
 def test_it_takes_all_views_and_names_its_parts():
     info = mexecon_plus.info
     assert info.views is None
-    rooms = {"body", "nview", "match", "keep", "narrow", "dents", "cameras", "pulls"}
+    rooms = {"body", "nview", "match", "keep", "narrow", "dents", "pulls"}
     assert set(info.parameters) == rooms
     assert [part.role for part in info.parts] == ["body model", "landmarks", "normal estimator"]
     assert info.deviations == ()
-
-
-def test_without_photos_no_camera_is_corrected():
-    assert "cameras" not in mexecon_plus.configured({"nview.photos": "off"}).info.parameters
-    kept = mexecon_plus.configured({"cameras.least_px": "0"}).info.parameters
-    assert kept["cameras"]["least_px"] == 0.0
 
 
 def test_without_a_body_nothing_of_it_is_named():

@@ -33,24 +33,6 @@ def test_a_smaller_ball_covers_its_share_of_the_disc(ball, ring, views_of):
     assert whole.lost_since(fit) == 0.0
 
 
-def test_a_shifted_outline_fits_where_its_photo_shows_it(ball, ring, views_of):
-    cameras = ring(4)
-    by = np.array([3.0, -2.0])
-    off = [replace(each, camera=each.camera.shifted(*-by)) for each in views_of(ball, cameras)]
-    wrong = [
-        replace(each, outline=replace(each.outline, camera=each.outline.camera.shifted(*-by)))
-        for each in off
-    ]
-    back = [each.shifted(by) for each in wrong]
-    exact = silhouette_fit(ball, views_of(ball, cameras), 0.002)
-
-    assert max(silhouette_fit(ball, wrong, 0.002).iou) < 0.97
-    np.testing.assert_allclose(silhouette_fit(ball, back, 0.002).iou, exact.iou, atol=1e-6)
-    for view, camera in zip(back, cameras, strict=True):
-        np.testing.assert_allclose(view.camera.K, camera.K)
-        assert view.targets is None
-
-
 def test_settling_brings_a_shrunken_surface_back_to_its_outlines(ball, ring, views_of):
     views = views_of(ball, ring(8))
     shrunken = Mesh(ball.vertices * 0.99, ball.faces)
