@@ -144,7 +144,7 @@ def test_refined_cameras_stay_in_the_world_in_which_they_were_given(source, monk
     assert ours.metrics["camera_position"].value == pytest.approx(0, abs=1e-6)
     assert ours.metrics["chamfer"].value > plain.metrics["chamfer"].value + 10
     for camera, goal in zip(capture.cameras, true, strict=True):
-        np.testing.assert_allclose(camera.position, goal.position + [0, 0.1, 0], atol=1e-9)
+        np.testing.assert_allclose(camera.position - goal.position, [0, 0.1, 0], atol=1e-9)
 
 
 def test_a_photo_that_is_left_out_is_named(source, monkeypatch):
