@@ -127,11 +127,14 @@ def estimated(
     return _posed(views, found, folder, {ESTIMATE: told}, notes)
 
 
-def posed_in(world: Similarity, views: Sequence[TakenView]) -> Posed:
+def posed_in(world: Similarity, views: Sequence[TakenView], foreign: ForeignCameras) -> Posed:
     """Photos with the cameras of their file, world metres."""
     cameras = [world.camera(view.camera) for view in views]
     moved = tuple(replace(v, camera=c) for v, c in zip(views, cameras, strict=True))
-    return Posed(moved, {}, (), ())
+    # Our own say themselves how they are known.
+    is_exact = foreign.in_world or any(camera.is_orthographic for camera in cameras)
+    note = "the cameras are taken as exact: --refine-cameras corrects those that are not"
+    return Posed(moved, {}, () if is_exact else (note,), ())
 
 
 def refined(views: Sequence[TakenView], folder: Path, report: StepReport) -> Posed:

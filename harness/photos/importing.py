@@ -103,7 +103,7 @@ def _imported(
             found = replace(found, notes=posed.notes)
         else:
             found = placed(request, foreign, up, taken.views, folder)
-            posed = posed_in(found.world, taken.views)
+            posed = posed_in(found.world, taken.views, foreign)
             if request.refine:
                 posed = refined(posed.views, folder, report)
             found = replace(found, notes=(up_note, *found.notes, *posed.notes))
