@@ -228,6 +228,7 @@ EDITED = "edited: its numbers are not those that were written"
 _NUMBERS = ("metrics", "regions", "normal_maps", "diagnostics", "stages")
 #: What a record's file may hold, whoever wrote it. Tables sum and square its numbers.
 _MOST_DEPTH, _MOST_SHOWN = 32, 60
+_Leaves = list[tuple[str, Any]]
 _GREATEST_NUMBER, _GREATEST_COUNT, _MOST_VIEWS = 1e15, 2**63, 10_000
 #: Of the fields with numbers, those that may be below 0, and those that are at most 1.
 _SIGNED, _SHARE = ("signed_volume_m3", "correlation"), re.compile(r"share_.*|.*_share|precision|f")
@@ -512,9 +513,7 @@ def _shown(value: Any) -> Any:
     return [_shown(entry) for entry in value] if is_array(value) else value
 
 
-def _leaves(
-    value: Any, place: str = "", depth: int = 0, found: list[tuple[str, Any]] | None = None
-) -> list[tuple[str, Any]]:
+def _leaves(value: Any, place: str = "", depth: int = 0, found: _Leaves | None = None) -> _Leaves:
     """Every value that holds no other, and every key, with the names of the fields above it.
 
     Raises:

@@ -96,16 +96,12 @@ def estimated_capture(
         MissingPart: MediaPipe is not installed.
     """
     inputs = estimate_inputs(photos, suffix_of(recipe))
-    views = [
-        PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
-        for view in range(len(photos.cameras))
-    ]
     is_refined = suffix_of(recipe) == CAMERAS["refined"]
     if is_refined:
-        found = refined_cameras(views, photos.cameras, report)
+        found = refined_cameras(_views(photos), photos.cameras, report)
         told: dict[str, Any] = found.to_dict()
     else:
-        found, told = _estimated(photos, views, mesh, suffix_of(recipe), report)
+        found, told = _estimated(photos, mesh, suffix_of(recipe), report)
     kept = [view for view, camera in enumerate(found.cameras) if camera is not None]
     own = [camera for camera in found.cameras if camera is not None]
     known = [_true_cameras(photos)[view] for view in kept]
@@ -152,11 +148,19 @@ def refined_cameras(
     return ESTIMATORS.resolve("refine")(photos, cameras, report=report)
 
 
+def _views(photos: Capture) -> list[PhotoView]:
+    return [
+        PhotoView(f"photo {view}", load_rgba(photos.image_path(view)))
+        for view in range(len(photos.cameras))
+    ]
+
+
 def _estimated(
-    photos: Capture, views: Sequence[PhotoView], mesh: Mesh, suffix: str, report: StepReport
+    photos: Capture, mesh: Mesh, suffix: str, report: StepReport
 ) -> tuple[EstimatedCameras, dict[str, object]]:
     """The cameras in a world of their own, and what a capture tells of them."""
     require_perspective(photos.cameras, "cannot be estimated from photos")
+    views = _views(photos)
     focal, source = Focal.unknown(views), "found"
     if suffix == CAMERAS["estimated"]:
         focal = Focal(tuple(float(camera.K[0, 0]) for camera in photos.cameras))
