@@ -74,10 +74,8 @@ class Projectors:
         seen = turned + self._shift[view][..., None, :]
         depth = seen[..., 2:].clamp_min(_NEAREST_M)
         depth = torch.where(self._parallel[view][..., None, None], 1.0, depth)
-        return (
-            seen[..., :2] / depth * self._focal[view][..., None, :]
-            + (self._centre[view][..., None, :])
-        )
+        focal, centre = (each[view][..., None, :] for each in (self._focal, self._centre))
+        return seen[..., :2] / depth * focal + centre
 
 
 class Evidence:
