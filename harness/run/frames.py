@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,6 +72,11 @@ def read_record_file(path: Path, whole: Collection[str] = ()) -> list[Record]:
         raise DataError(f"cannot read records from {path}", got=str(error), hint=_REMAKE) from error
     if lines == [""]:
         raise DataError(f"{path} has no records", hint=_REMAKE)
+    return list(_records(tuple(lines), path, frozenset(whole)))
+
+
+@lru_cache(maxsize=2)  # many tables are made of one file
+def _records(lines: tuple[str, ...], path: Path, whole: Collection[str]) -> tuple[Record, ...]:
     records: dict[tuple[str, str], Record] = {}
     for number, line in enumerate(lines, 1):
         source = f"line {number} of {path}"
@@ -83,7 +89,7 @@ def read_record_file(path: Path, whole: Collection[str] = ()) -> list[Record]:
                 hint=_REMAKE,
             )
         records[cell] = record
-    return list(records.values())
+    return tuple(records.values())
 
 
 def read_run(folder: str | Path) -> pd.DataFrame:

@@ -27,8 +27,9 @@ from methods.stereo.settings import NarrowSettings
 from methods.stereo.surface import neighbours, pairs, pixel_span_m
 from methods.stereo.views import Contrast, contrast, reduction, stereo_view
 
-#: Places on the surface; pairs that are asked of each: the two that see it best.
-_PLACES, _ASKED = 6000, 2
+#: Places on the surface; pairs that are asked of each: so many of all that see it, the best ones,
+#: and two at least. Sixteen photos that share the places of eight would each have half as many.
+_PLACES, _ASKED, _LEAST_ASKED = 6000, 0.25, 2
 #: Fewer matches of a pair tell nothing, nor do fewer points that two pairs see.
 LEAST_MATCHES = 15
 #: A match is trusted to so many pixels, and a place to so many metres; neighbouring places tell
@@ -134,7 +135,8 @@ def find_matches(mesh: Mesh, rig: Rig, shown: Sequence[PhotoView], search: Match
     every = max(1, len(mesh.vertices) // _PLACES)
     points, normals = mesh.vertices[::every], outward(Neighbourhood(mesh))[::every]
     quality = seen_by_pairs(Raycaster(mesh), (points, normals), cameras, found, search.facing)
-    best = np.argsort(-quality, axis=1, kind="stable")[:, :_ASKED]
+    asked = max(_LEAST_ASKED, round(_ASKED * len(found)))
+    best = np.argsort(-quality, axis=1, kind="stable")[:, :asked]
     span_m = pixel_span_m(cameras, centre)
 
     def ask(number: int) -> Matches:

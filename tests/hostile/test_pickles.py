@@ -160,7 +160,7 @@ CRAFTED = {
     "wide characters": entry(text("\U0001f600" * 1_000_000)),
     "wide escapes": entry(b"S'" + b"\\u2603" * 100_000 + b"'\n"),
     "colliding keys": b"\x80\x04}("
-    + b"".join(whole((n + 1) * (2**61 - 1)) + b"N" for n in range(30_000))
+    + b"".join(whole((n + 1) * (2**61 - 1)) + b"N" for n in range(10_000))
     + b"u.",
     "two gigabytes of zeros": entry(call(name("builtins", "bytearray"), whole(2**31))),
     "a function": entry(call(name("os", "system"), text("true"))),
@@ -233,10 +233,8 @@ def test_each_crafted_fit_is_refused(read_all, assert_harmless):
     readings = read_all("fit", CRAFTED, ".pkl")
     assert_harmless(readings)
     assert [reading.name for reading in readings if reading.outcome != "DataError"] == []
-
-
-def test_memory_grows_with_the_file_and_not_with_what_it_says(read_all):
-    for reading in read_all("fit", CRAFTED, ".pkl"):
+    # Memory grows with the file and not with what it says.
+    for reading in readings:
         assert reading.peak < 3 * len(CRAFTED[reading.name]) + 2**27, reading
 
 
