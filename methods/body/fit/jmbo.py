@@ -9,6 +9,7 @@ has its full perspective camera, wherever it stands and however it is pitched.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
@@ -137,6 +138,8 @@ _FULL, _FALLING, _LEAST_SHARE = 0.1, 0.6, 0.1
 #: Converged: the mean cost of this many iterations is less than this share below that of the same
 #: number before. Not asked earlier than after three times as many.
 _WINDOW, _IMPROVEMENT = 10, 2e-3
+#: So many of the last iterates are averaged.
+_LATE = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +183,8 @@ def optimise(
         normals_of: Estimates the views' normals anew; asked every ``weights.normals_every``
             iterations.
     """
+    import torch
+
     problem = _Problem(body, views, weights)
     held_m = _held_distance_m(body, views, start)
     parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
@@ -188,9 +193,11 @@ def optimise(
     turns = _batches(len(views.views), weights, seed)
     costs: list[float] = []
     terms: list[dict[str, float]] = []
-    best = {name: value.detach().clone() for name, value in parameters.items()}
+    kept: deque[dict[str, Tensor]] = deque(maxlen=_LATE if weights.keep == "mean" else 1)
+    kept.append({name: value.detach().clone() for name, value in parameters.items()})
     ended: Literal["converged", "iterations"] = "iterations"
-    keeps_last = bool(weights.batch) or weights.keep == "last"
+    # With mini-batches the costs of two iterations are of different views.
+    picks_best = weights.keep == "best" and not weights.batch
     for iteration, chosen in enumerate(turns):
         if held_m is not None:
             hold_depth(body, parameters, views.views[0].camera, held_m)
@@ -200,9 +207,8 @@ def optimise(
         if weights.schedule == "ramp":
             optimiser.rate = weights.rate * _ramp(iteration / len(turns))
         cost, found = problem.step(parameters, chosen)
-        # With mini-batches the costs of two iterations are of different views: the last one counts.
-        if keeps_last or not costs or cost < min(costs):
-            best = {name: value.detach().clone() for name, value in parameters.items()}
+        if not picks_best or not costs or cost < min(costs):
+            kept.append({name: value.detach().clone() for name, value in parameters.items()})
         costs.append(cost)
         terms.append(found)
         optimiser.step()
@@ -211,16 +217,19 @@ def optimise(
         if weights.early_stop and not weights.batch and _converged(costs):
             ended = "converged"
             break
-    return Fit(best, tuple(costs), _first_and_kept(costs, terms, keeps_last=keeps_last), ended)
+    mean = {name: torch.stack([each[name] for each in kept]).mean(0) for name in parameters}
+    if held_m is not None:
+        hold_depth(body, mean, views.views[0].camera, held_m)
+    return Fit(mean, tuple(costs), _first_and_kept(costs, terms, picks_best=picks_best), ended)
 
 
 def _first_and_kept(
-    costs: Sequence[float], terms: Sequence[Mapping[str, float]], *, keeps_last: bool
+    costs: Sequence[float], terms: Sequence[Mapping[str, float]], *, picks_best: bool
 ) -> dict[str, tuple[float, float]]:
-    """Each term at the start and at the iterate that is kept; none where none was tried."""
+    """Each term at the start and at the last iterate that is kept; none where none was tried."""
     if not costs:
         return {}
-    kept = -1 if keeps_last else int(np.argmin(costs))
+    kept = int(np.argmin(costs)) if picks_best else -1
     return {name: (value, terms[kept][name]) for name, value in terms[0].items()}
 
 

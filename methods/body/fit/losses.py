@@ -204,7 +204,7 @@ class NormalTarget:
         projector: The view.
         normals_camera: (H, W, 3) unit, x right, y up, z towards the viewer; 0 off the subject.
         area_px: What the cost is divided by: square of the subject's frame, pixels.
-        most_pixels: A regular subset of no more than this many pixels is looked at.
+        most_pixels: A regular subset of no more than this many of these pixels is looked at.
     """
 
     projector: Projector
@@ -225,12 +225,14 @@ def normal_cost(skin: Skin, hits: Hits, target: NormalTarget) -> Tensor:
     """
     import torch
 
-    known = hits.mask & (np.abs(target.normals_camera).sum(axis=2) > 0)
-    rows, columns = np.nonzero(known)
-    if not len(rows):
-        return skin.vertices.sum() * 0.0
-    step = -(-len(rows) // target.most_pixels)
+    rows, columns = np.nonzero(np.abs(target.normals_camera).sum(axis=2) > 0)
+    step = max(1, -(-len(rows) // target.most_pixels))
+    # Of the subject's pixels and not of those that overlap, or one more of these moves them all.
     rows, columns = rows[::step], columns[::step]
+    met = hits.mask[rows, columns]
+    if not met.any():
+        return skin.vertices.sum() * 0.0
+    rows, columns = rows[met], columns[met]
     pixels = np.stack([columns, rows], axis=1) + 0.5
     normals = seen_normals(skin, hits.face[rows, columns], pixels, target.projector)
     wanted = torch.from_numpy(target.normals_camera[rows, columns]).to(normals)

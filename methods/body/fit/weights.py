@@ -36,7 +36,8 @@ class Weights:
         prior: Weight of the pose and shape prior; the paper has none.
         iterations: Number of iterations, at most.
         early_stop: Whether the fit ends when the cost hardly falls any more.
-        keep: Which iterate is the result: ``last``, or ``best``, the one with the least cost.
+        keep: What is the result: the ``mean`` of the last ten iterates, the ``last`` one, or the
+            ``best``, which costs least.
         rate: Adam's first step.
         schedule: ``plateau`` halves the step after 5 iterations without progress, as in the paper;
             ``ramp`` starts with small steps, for Adam's first ones are blind, and ends with them.
@@ -55,7 +56,7 @@ class Weights:
     prior: float = 0.0
     iterations: int = 35
     early_stop: bool = False
-    keep: str = "last"
+    keep: str = "mean"
     rate: float = 1e-2
     schedule: str = "plateau"
     batch: int = 0
@@ -64,7 +65,7 @@ class Weights:
     def __post_init__(self) -> None:
         for name, known in (
             ("landmarks", ("published", "all")),
-            ("keep", ("last", "best")),
+            ("keep", ("mean", "last", "best")),
             ("schedule", ("plateau", "ramp")),
         ):
             check_choice(name, getattr(self, name), known)

@@ -379,4 +379,4 @@ def test_numbers_that_cannot_be_are_refused(setting):
 
 
 def test_without_iterations_the_start_is_kept():
-    assert _first_and_kept([], [], keeps_last=False) == {}
+    assert _first_and_kept([], [], picks_best=False) == {}

@@ -214,6 +214,26 @@ def test_equal_seeds_give_equal_bodies_and_batches_see_every_view(anny, person, 
     assert not torch.equal(first.parameters["pose"], other.parameters["pose"])
 
 
+@pytest.mark.nightly
+def test_a_start_moved_by_a_hair_moves_the_mean_of_iterates_less(
+    anny, person, make_views
+):
+    """Another processor moves it so. Steps of Adam scatter the iterates, and less so their mean."""
+    views = make_views(make_views.ring(8), normals=True)
+    bent = 0.15 * torch.randn(person[0]["pose"].shape, generator=torch.Generator().manual_seed(9))
+    start = {**person[0], "pose": person[0]["pose"] + bent}
+    apart = {}
+    for keep in ("last", "mean"):
+        ends = []
+        for hair in (0.0, 1e-6, -1e-6):
+            moved = {name: value + hair for name, value in start.items()}
+            fit = optimise(anny, views, moved, Weights(keep=keep), seed=0)
+            with torch.no_grad():
+                ends.append(anny.posed(fit.parameters).joints[0, list(anny.roles.values())])
+        apart[keep] = (torch.stack(ends[1:]) - ends[0]).norm(dim=2).mean().item()
+    assert apart["mean"] < 0.8 * apart["last"] < 0.01
+
+
 def test_a_term_that_is_off_does_not_count(anny, person, make_views):
     views = make_views(make_views.ring(2))
     parameters, _, _ = person

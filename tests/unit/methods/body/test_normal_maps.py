@@ -98,3 +98,17 @@ def test_no_overlap_costs_nothing_and_does_not_fail(ball, camera):
     cost.backward()
     assert cost.item() == 0
     assert leaf.grad.abs().max() == 0
+
+
+def test_one_pixel_more_of_overlap_leaves_the_others_as_they_are(ball, camera):
+    vertices, faces = ball
+    seen = BodySurface(vertices, Topology(faces)).caster.normals(camera)
+    target = NormalTarget(Projector(camera), np.where(seen, [0.0, 1.0, 0.0], 0.0), 1.0, 300)
+    skin, hits = skin_of(torch.tensor(vertices), faces), hits_of(vertices, faces, camera)
+    whole = normal_cost(skin, hits, target).item()
+    rows, columns = np.nonzero(hits.mask)
+    pixels = len(rows)
+    for number in (0, pixels // 2, pixels - 1):
+        hits.face[rows[number], columns[number]] = -1  # as where an outline moves by a hair
+        less = normal_cost(skin, hits, target).item()
+        assert 0 <= whole - less <= 3 * (2 / 3) * np.ceil(pixels / 300) + 1e-9
