@@ -26,7 +26,7 @@ _BODY_REASONS = {
         "26.4 mm off with normals that are estimated once, with the body that the fit starts from, "
         "and 25.8 mm with normals estimated anew each time, Chamfer is 22.1 and 22.2 mm"
     ),
-    "body.keep": "constant steps scatter the last iterate by 2 mm; the mean of ten costs less",
+    "body.keep": "constant steps scatter the last iterate by 2 mm, the mean of ten by 0.7",
 }
 _BODY_SETTINGS: dict[str, object] = {
     "body.model": "smplx",
