@@ -215,9 +215,7 @@ def test_equal_seeds_give_equal_bodies_and_batches_see_every_view(anny, person, 
 
 
 @pytest.mark.nightly
-def test_a_start_moved_by_a_hair_moves_the_mean_of_iterates_less(
-    anny, person, make_views
-):
+def test_a_start_moved_by_a_hair_moves_the_mean_of_iterates_less(anny, person, make_views):
     """Another processor moves it so. Steps of Adam scatter the iterates, and less so their mean."""
     views = make_views(make_views.ring(8), normals=True)
     bent = 0.15 * torch.randn(person[0]["pose"].shape, generator=torch.Generator().manual_seed(9))

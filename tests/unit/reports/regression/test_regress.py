@@ -339,15 +339,24 @@ def test_a_spread_is_not_measured_on_other_photos():
 #: What the stored baseline must see: a share of the number, at least so much.
 PLANTED = {"chamfer": (0.01, 0.15), "normal_error": (0.0, 0.3), "joint_error": (0.0, 1.0)}
 STORED = Baseline.load(Path(__file__).parents[3] / "golden" / "baselines" / "quickstart.json")
-#: Tolerances that were measured with photos of another grain in them guard nothing so small.
-OLD = "twice the "
-
-
+#: Other arithmetic moves these by about as much: a smaller change of them is not told from it.
+WIDE = {
+    "econ": {"chamfer", "joint_error", "normal_error"},
+    "jmbo8": {"joint_error", "normal_error"},
+    "jmbo8+": {"chamfer"},
+    "jmbo8-no-head": {"joint_error"},
+    "mexecon+": {"chamfer", "normal_error"},
+    "mexecon+two-sheets": {"normal_error"},
+    "mexecon2": {"chamfer", "normal_error"},
+    "mexecon8": {"chamfer", "joint_error", "normal_error"},
+    "oracle8": {"chamfer", "joint_error", "normal_error"},
+    "stereo8-psr": {"chamfer", "normal_error"},
+}
 GUARDED = [
     pytest.param(cell, metric, id=f"{cell.method}-{cell.subject}-{metric}")
     for cell in STORED.cells
     for metric in PLANTED
-    if metric in cell.metrics and not STORED.tolerance(cell.method, metric).source.startswith(OLD)
+    if metric in cell.metrics and metric not in WIDE.get(cell.method, ())
 ]
 
 
