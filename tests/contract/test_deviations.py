@@ -95,7 +95,6 @@ def test_a_setting_of_the_users_becomes_a_deviation():
     "silent",
     [
         "pixels of the normal term",
-        "last step",
         "unit of the losses",
         "landmark readings",
         "landmark positions on the body",

@@ -159,7 +159,7 @@ def small(name: str, extra: dict[str, str] | None = None):
 
 
 #: These are tried with every change, the others each night: some take minutes.
-TRIED_OFTEN = ("hull8", "stereo8")
+TRIED_OFTEN = ("hull8",)
 
 
 def in_turn() -> list[object]:

@@ -183,8 +183,6 @@ def optimise(
         normals_of: Estimates the views' normals anew; asked every ``weights.normals_every``
             iterations.
     """
-    import torch
-
     problem = _Problem(body, views, weights)
     held_m = _held_distance_m(body, views, start)
     parameters = {name: value.detach().clone().requires_grad_() for name, value in start.items()}
@@ -217,10 +215,16 @@ def optimise(
         if weights.early_stop and not weights.batch and _converged(costs):
             ended = "converged"
             break
-    mean = {name: torch.stack([each[name] for each in kept]).mean(0) for name in parameters}
+    mean = _mean(kept)
     if held_m is not None:
         hold_depth(body, mean, views.views[0].camera, held_m)
     return Fit(mean, tuple(costs), _first_and_kept(costs, terms, picks_best=picks_best), ended)
+
+
+def _mean(kept: Sequence[Parameters]) -> dict[str, Tensor]:
+    import torch
+
+    return {name: torch.stack([each[name] for each in kept]).mean(0) for name in kept[0]}
 
 
 def _first_and_kept(
