@@ -125,6 +125,7 @@ def test_crafted_checkpoints_are_refused(read_all, assert_harmless):
     assert read == {"a dictionary in itself"}  # it has no tensors
 
 
+@pytest.mark.nightly
 def test_changed_bytes_are_harmless(read_all, made, assert_harmless):
     def changed(places: list[tuple[int, int]]) -> bytes:
         content = bytearray(SOUND)
@@ -137,6 +138,7 @@ def test_changed_bytes_are_harmless(read_all, made, assert_harmless):
     assert_harmless(read_all("checkpoint", dict(enumerate(contents)), ".ckpt"))
 
 
+@pytest.mark.nightly
 def test_any_list_of_tensors_is_harmless(read_all, made, assert_harmless):
     pieces = st.sampled_from(
         [tensor(), memory(), REBUILD, ORDERED, SYSTEM, text("a"), whole(7), *map(bytes, zip(
