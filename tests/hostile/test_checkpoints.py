@@ -6,6 +6,7 @@ import io
 import struct
 import zipfile
 
+import pytest
 from hypothesis import strategies as st
 
 
