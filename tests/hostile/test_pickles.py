@@ -82,6 +82,13 @@ ENCODE = name("_codecs", "encode")
 FROM_BUFFER = name("numpy.core.numeric", "_frombuffer")
 MEGABYTE = "a" * 2**20
 
+
+def colliding(count: int) -> bytes:
+    """A dictionary so many of whose keys have one hash: it takes the square of the count."""
+    keys = (whole((n + 1) * (2**61 - 1)) + b"N" for n in range(count))
+    return b"\x80\x04}(" + b"".join(keys) + b"u."
+
+
 #: Each of these does harm to a reader that lets numpy rebuild what the file says.
 CRAFTED = {
     "an empty array of 2.4 GB": entry(empty_array(300_000_000, code=b"d")),
@@ -159,9 +166,7 @@ CRAFTED = {
     "a memory far away": entry(b"K\x01r\xff\xff\xff\xff"),
     "wide characters": entry(text("\U0001f600" * 1_000_000)),
     "wide escapes": entry(b"S'" + b"\\u2603" * 100_000 + b"'\n"),
-    "colliding keys": b"\x80\x04}("
-    + b"".join(whole((n + 1) * (2**61 - 1)) + b"N" for n in range(10_000))
-    + b"u.",
+    "colliding keys": colliding(10_000),
     "two gigabytes of zeros": entry(call(name("builtins", "bytearray"), whole(2**31))),
     "a function": entry(call(name("os", "system"), text("true"))),
     "an instance": entry(b"(" + text("true") + b"ios\nsystem\n"),
@@ -236,6 +241,13 @@ def test_each_crafted_fit_is_refused(read_all, assert_harmless):
     # Memory grows with the file and not with what it says.
     for reading in readings:
         assert reading.peak < 3 * len(CRAFTED[reading.name]) + 2**27, reading
+
+
+@pytest.mark.nightly
+def test_many_colliding_keys_are_refused(read_all, assert_harmless):
+    readings = read_all("fit", {"colliding keys": colliding(30_000)}, ".pkl")
+    assert_harmless(readings)
+    assert [reading.outcome for reading in readings] == ["DataError"]
 
 
 @pytest.mark.nightly

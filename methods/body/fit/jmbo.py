@@ -192,7 +192,6 @@ def optimise(
     costs: list[float] = []
     terms: list[dict[str, float]] = []
     kept: deque[dict[str, Tensor]] = deque(maxlen=_LATE if weights.keep == "mean" else 1)
-    kept.append({name: value.detach().clone() for name, value in parameters.items()})
     ended: Literal["converged", "iterations"] = "iterations"
     # With mini-batches the costs of two iterations are of different views.
     picks_best = weights.keep == "best" and not weights.batch
@@ -215,8 +214,8 @@ def optimise(
         if weights.early_stop and not weights.batch and _converged(costs):
             ended = "converged"
             break
-    mean = _mean(kept)
-    if held_m is not None:
+    mean = _mean(kept or [parameters])
+    if held_m is not None and len(kept) > 1:
         hold_depth(body, mean, views.views[0].camera, held_m)
     return Fit(mean, tuple(costs), _first_and_kept(costs, terms, picks_best=picks_best), ended)
 
@@ -224,7 +223,8 @@ def optimise(
 def _mean(kept: Sequence[Parameters]) -> dict[str, Tensor]:
     import torch
 
-    return {name: torch.stack([each[name] for each in kept]).mean(0) for name in kept[0]}
+    with torch.no_grad():
+        return {name: torch.stack([each[name] for each in kept]).mean(0) for name in kept[0]}
 
 
 def _first_and_kept(
