@@ -113,6 +113,11 @@ _DESCRIPTIONS = (
         "Mean angle between estimated and true relative rotations, over all pairs of photos.",
     ),
     MetricDescription(
+        "camera_rotation_sd", "Rotation SD", "Rotation SD", _DEG, 3, _CAMERAS,
+        "Standard deviation of a camera's turn that the search for cameras itself tells, without "
+        "the truth; median of the photos.",
+    ),
+    MetricDescription(
         "camera_direction", "Direction", "Direction", _DEG, 3, _CAMERAS,
         "Mean angle between estimated and true directions from one camera of a pair to the other.",
     ),

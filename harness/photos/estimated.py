@@ -123,6 +123,7 @@ def estimated(
         f"the focal length is {np.median(used):.0f} pixels, {words[source]}",
         f"the person is {height_m:g} m high in the photos, "
         + ("as given" if request.height_m else "which is assumed"),
+        f"a camera's turn is sure to {found.turn_sd_deg:.2g} degrees (standard deviation)",
     )
     return _posed(views, found, folder, {ESTIMATE: told}, notes)
 

@@ -27,7 +27,7 @@ from harness.core.process.registry import Registry
 from harness.core.process.source_digest import SourceTree
 from harness.core.process.threads import StepReport
 from harness.core.protocols import MethodInfo, Privilege
-from harness.core.records import Scores
+from harness.core.records import MetricValue, Scores
 from harness.core.typed_json import to_json
 from harness.geometry.images import load_rgba
 from harness.geometry.similarity import Similarity, similarity_of_pictures
@@ -258,6 +258,8 @@ def with_cameras(
         return scores
     points = truth.vertices[:: max(1, len(truth.vertices) // _POINTS)]
     errors = camera_errors(found, known, points)
+    if (sd_deg := _told(capture).get("turn_sd_deg")) is not None:
+        errors["camera_rotation_sd"] = MetricValue(sd_deg, "deg", len(found), 0.0)
     return replace(scores, metrics={**scores.metrics, **errors}, diagnostics=diagnostics)
 
 

@@ -101,11 +101,12 @@ def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
     off_m = float(np.median(np.abs(met(rig, judged).off_px) * spans))
     apart_m = contradiction_m(rig, matches)
     if off_m > _MOST_OFF_M or apart_m > _MOST_APART_M:
+        apart = "" if np.isnan(apart_m) else f" and {1e3 * apart_m:.1f} mm"
         raise MethodError(
             "the photos contradict each other",
             expected=f"matches within {1e3 * _MOST_OFF_M:.1f} mm of what the cameras tell, and "
             f"places within {1e3 * _MOST_APART_M:.0f} mm",
-            got=f"{1e3 * off_m:.1f} mm and {1e3 * apart_m:.1f} mm",
+            got=f"{1e3 * off_m:.1f} mm{apart}",
             hint="Probably the person moved between the photos",
         )
     warnings: list[str] = []

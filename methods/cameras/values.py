@@ -147,6 +147,12 @@ class EstimatedCameras:
         return tuple((photo.name, photo.left_out) for photo in self.photos if photo.left_out)
 
     @property
+    def turn_sd_deg(self) -> float:
+        """How sure the cameras are: standard deviation of a turn, median of the photos, degrees."""
+        own = [each[:3, :3] for each in self.covariances if each is not None]
+        return float(np.degrees(np.sqrt(np.median([np.trace(each) for each in own]))))
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """The warnings, and which photos were left out, a sentence each."""
         return (*self.warnings, *(f"{name} was left out: {why}" for name, why in self.left_out))
@@ -154,6 +160,7 @@ class EstimatedCameras:
     def to_dict(self) -> dict[str, object]:
         """Plain JSON values of everything but the cameras, for a capture's provenance."""
         told = {each.name: getattr(self, each.name) for each in fields(self)}
+        told["turn_sd_deg"] = self.turn_sd_deg
         del told["cameras"], told["warnings"]
         shown: dict[str, object] = _rounded(to_json(told))
         return shown

@@ -96,6 +96,8 @@ def test_results_of_found_cameras_are_scored_as_those_of_true_ones(source, monke
     assert ours.metrics["chamfer"].value == pytest.approx(plain.metrics["chamfer"].value, abs=2.0)
     assert ours.metrics["camera_rotation"].value == pytest.approx(0, abs=1e-5)
     assert ours.metrics["camera_auc_1"].value == pytest.approx(1, abs=1e-5)
+    told = np.degrees(np.sqrt(3))  # of the unit covariances above
+    assert ours.metrics["camera_rotation_sd"].value == pytest.approx(told, rel=1e-4)
     assert plain.method.privileges == (Privilege.KNOWN_CAMERAS, Privilege.EXACT_MASKS)
     assert ours.method.privileges == (
         Privilege.FOCAL_LENGTH,

@@ -42,7 +42,7 @@ class Estimator:
         there = [None if k == self.leave else camera for k, camera in enumerate(cameras)]
         return EstimatedCameras(
             cameras=tuple(there),
-            covariances=(None,) * len(there),
+            covariances=tuple(camera and 1e-6 * np.eye(6) for camera in there),
             focal_px=tuple(float(camera.K[0, 0]) for camera in cameras),
             focal_relative_sd=0.0,
             stages=(),
