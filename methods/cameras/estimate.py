@@ -18,7 +18,14 @@ from harness.geometry.place import place_of
 from harness.geometry.similarity import camera_similarity
 from methods.body.photos.detection import Detections, detect_in
 from methods.cameras.adjustment import Rig, Solved, solved
-from methods.cameras.checks import check_matches, check_round, spreads, swayed, unmatched
+from methods.cameras.checks import (
+    check_matches,
+    check_round,
+    check_sure,
+    spreads,
+    swayed,
+    unmatched,
+)
 from methods.cameras.coherence import DistanceMap, distance_map, outline_of
 from methods.cameras.landmarks import by_landmarks, landmark_spans
 from methods.cameras.matches import (
@@ -114,7 +121,9 @@ def estimate_cameras(
     found = replace(found, rig=_in_world(found.rig, given, height_m)[0])
     if len(group.photos) < _SURE_PHOTOS:
         warnings += (f"cameras of {len(group.photos)} photos are weak: take eight",)
-    return _answer(group, (found, given, matches), (steps.stages, warnings))
+    told = _answer(group, (found, given, matches), (steps.stages, warnings))
+    weak = check_sure(told.turn_sd_deg, group.reasons)
+    return replace(told, warnings=(*told.warnings, *weak))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,14 @@ from harness.core.rigs import RingRig
 from methods.body.photos.detection import Detections
 from methods.cameras import estimate, search
 from methods.cameras.adjustment import Rig, solved
-from methods.cameras.checks import check_matches, check_round, spreads, swayed, unmatched
+from methods.cameras.checks import (
+    check_matches,
+    check_round,
+    check_sure,
+    spreads,
+    swayed,
+    unmatched,
+)
 from methods.cameras.landmarks import by_landmarks
 from methods.cameras.matches import LEAST_MATCHES, Matches, MatchRows, contradiction_m, met
 from methods.cameras.values import Focal, PhotoView
@@ -144,6 +151,13 @@ def test_covariances_tell_what_is_left(taken):
     sd = np.degrees(np.sqrt(np.trace(own[:, :3, :3], axis1=1, axis2=2)))
     assert factor_sd == 0.0
     assert 0.1 < np.median(off / sd) < 1.5
+
+
+def test_cameras_that_are_left_open_are_refused_and_weak_ones_told():
+    assert check_sure(0.2, ()) == ()
+    assert check_sure(0.6, ()) == ("the cameras are sure to 0.6 degrees only",)
+    with pytest.raises(MethodError, match=r"got 1.2 degrees; 0.png: it moved\)"):
+        check_sure(1.23, ["0.png: it moved"])
 
 
 def test_too_few_photos_and_nobody_in_them(taken):
