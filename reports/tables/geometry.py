@@ -122,6 +122,7 @@ def _floor_remarks(selection: Selection, columns: Sequence[Column]) -> list[str]
 
 #: Metric ids, in order.
 CAMERA_METRICS = tuple(name for name in METRICS if name.startswith("camera_"))
+_SD = "camera_rotation_sd"
 
 
 def cameras_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table:
@@ -131,11 +132,14 @@ def cameras_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table
     """
     selection = select(records, asked.methods, asked.subjects)
     shown = [group for group in selection.groups if any(map(_has_cameras, group.ok))]
-    readers = {name: partial(metric_value, metric=name) for name in CAMERA_METRICS}
+    # How sure cameras are is told by our own search alone.
+    told = {name for group in shown for record in group.ok for name in record.metrics}
+    names = [name for name in CAMERA_METRICS if name != _SD or name in told]
+    readers = {name: partial(_camera_value, metric=name) for name in names}
     return selection.table(
         name="cameras",
         title="Estimated cameras",
-        columns=[metric_column(name, ranked=False) for name in CAMERA_METRICS],
+        columns=[metric_column(name, ranked=False) for name in names],
         rows=[
             group.row(len(selection.subjects), cells_of(readers, group.by_subject, asked.interval))
             for group in shown
@@ -147,6 +151,12 @@ def cameras_table(records: Sequence[Record], asked: Asked = EVERYTHING) -> Table
             *filter(None, [selection.absence(shown, _has_cameras, "estimated cameras")]),
         ),
     )
+
+
+def _camera_value(record: Record, metric: str) -> float | None:
+    if metric == _SD and metric not in record.metrics:
+        return None
+    return metric_value(record, metric)
 
 
 def _has_cameras(record: Record) -> bool:

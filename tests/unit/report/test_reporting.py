@@ -66,6 +66,20 @@ def test_rows_stand_in_the_order_of_the_catalogue_and_unknown_methods_last():
     assert [row["method"] for row in rows] == ["gt", "hull8"]
 
 
+def test_cameras_have_a_deviation_where_a_search_told_one():
+    asked = ReportRequest(table="cameras", format="json")
+    silent = [
+        replace(r, metrics={n: v for n, v in r.metrics.items() if not n.endswith("rotation_sd")})
+        for r in LABELLED
+    ]
+    mixed = [a if a.method_name == "hull8" else b for a, b in zip(LABELLED, silent, strict=True)]
+    rows = {row["method"]: row["metrics"] for row in json.loads(build_table(mixed, asked))["rows"]}
+    assert rows["hull8"]["camera_rotation_sd"]["mean"] == 0.5
+    assert rows["gt"]["camera_rotation_sd"] != rows["hull8"]["camera_rotation_sd"]
+    for row in json.loads(build_table(silent, asked))["rows"]:
+        assert set(row["metrics"]) == set(CAMERAS) - {"camera_rotation_sd"}
+
+
 def test_an_interval_on_request_holds_the_mean():
     document = json.loads(build_table(OURS, ReportRequest(format="json", interval=True)))
     chamfer = document["rows"][0]["metrics"]["chamfer"]
