@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,7 +31,8 @@ _MOST_OFF_M, _MOST_APART_M = 0.0012, 0.003
 _MOST_BENT, _MOST_CONTRADICTED = 3.0, 1.1
 #: Fewer points that two pairs see do not tell such people from chance.
 _LEAST_TWICE = 2 * LEAST_MATCHES
-#: Turns that are not surer than this, degrees, are warned of, and of no use.
+#: Turns less sure than the first are warned of, and a median less sure than the second is refused,
+#: degrees.
 _WEAK_SD_DEG, _MOST_SD_DEG = 0.5, 1.0
 #: A standard deviation is so many medians of the sizes.
 _TYPICAL = 1.4826
@@ -157,26 +158,29 @@ def swayed(rig: Rig, matches: Matches) -> tuple[float, float]:
     return gone / by_chance, _typical(apart / by_noise)
 
 
-def check_sure(turn_sd_deg: float, left_out: Sequence[str]) -> tuple[str, ...]:
+def check_sure(sds_deg: Mapping[str, float], left_out: Sequence[str]) -> tuple[str, ...]:
     """A warning of cameras that are weak.
 
     Args:
-        turn_sd_deg: Standard deviation of a camera's turn.
+        sds_deg: Standard deviations of the cameras' turns, by photo.
         left_out: What a refusal says of photos that are not among them.
 
     Raises:
         MethodError: outlines and matches leave the cameras open.
     """
-    if turn_sd_deg > _MOST_SD_DEG:
+    median_deg = float(np.median(list(sds_deg.values())))
+    if median_deg > _MOST_SD_DEG:
         raise MethodError(
             "the photos do not tell their cameras",
             expected=f"turns that are sure to {_MOST_SD_DEG:g} degree (standard deviation)",
-            got="; ".join((f"{turn_sd_deg:.1f} degrees", *left_out)),
+            got="; ".join((f"{median_deg:.1f} degrees", *left_out)),
             hint="Take eight photos or more, in patterned clothes; check the masks",
         )
-    if turn_sd_deg > _WEAK_SD_DEG:
-        return (f"the cameras are sure to {turn_sd_deg:.1f} degrees only",)
-    return ()
+    weak = sorted(name for name, sd_deg in sds_deg.items() if sd_deg > _WEAK_SD_DEG)
+    if not weak:
+        return ()
+    sd_deg = max(sds_deg.values())
+    return (f"cameras are weak, sure to {sd_deg:.1f} degrees only: {', '.join(weak)}",)
 
 
 def _typical(values: Floats) -> float:

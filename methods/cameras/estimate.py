@@ -122,7 +122,7 @@ def estimate_cameras(
     if len(group.photos) < _SURE_PHOTOS:
         warnings += (f"cameras of {len(group.photos)} photos are weak: take eight",)
     told = _answer(group, (found, given, matches), (steps.stages, warnings))
-    weak = check_sure(told.turn_sd_deg, group.reasons)
+    weak = check_sure(told.turn_sds_deg, group.reasons)
     return replace(told, warnings=(*told.warnings, *weak))
 
 

@@ -147,10 +147,16 @@ class EstimatedCameras:
         return tuple((photo.name, photo.left_out) for photo in self.photos if photo.left_out)
 
     @property
+    def turn_sds_deg(self) -> dict[str, float]:
+        """How sure cameras are: standard deviations of their turns, degrees, by photo."""
+        own = zip(self.photos, self.covariances, strict=True)
+        squares = {p.name: np.trace(each[:3, :3]) for p, each in own if each is not None}
+        return {name: float(np.degrees(np.sqrt(square))) for name, square in squares.items()}
+
+    @property
     def turn_sd_deg(self) -> float:
-        """How sure the cameras are: standard deviation of a turn, median of the photos, degrees."""
-        own = [each[:3, :3] for each in self.covariances if each is not None]
-        return float(np.degrees(np.sqrt(np.median([np.trace(each) for each in own]))))
+        """Their median."""
+        return float(np.median(list(self.turn_sds_deg.values())))
 
     @property
     def remarks(self) -> tuple[str, ...]:

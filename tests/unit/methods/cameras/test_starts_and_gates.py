@@ -154,10 +154,12 @@ def test_covariances_tell_what_is_left(taken):
 
 
 def test_cameras_that_are_left_open_are_refused_and_weak_ones_told():
-    assert check_sure(0.2, ()) == ()
-    assert check_sure(0.6, ()) == ("the cameras are sure to 0.6 degrees only",)
-    with pytest.raises(MethodError, match=r"got 1.2 degrees; 0.png: it moved\)"):
-        check_sure(1.23, ["0.png: it moved"])
+    some = {"0.png": 0.2, "1.png": 0.3, "2.png": 0.4}
+    assert check_sure(some, ()) == ()
+    (text,) = check_sure({**some, "1.png": 0.62}, ())
+    assert text == "cameras are weak, sure to 0.6 degrees only: 1.png"
+    with pytest.raises(MethodError, match=r"got 1.2 degrees; 3.png: it moved\)"):
+        check_sure({**some, "1.png": 1.23, "2.png": 1.5}, ["3.png: it moved"])
 
 
 def test_too_few_photos_and_nobody_in_them(taken):
