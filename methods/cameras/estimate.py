@@ -62,7 +62,9 @@ _SOLE_M = 0.03
 #: minima miss by 4 mm, right ones by 0.2 to 0.8.
 _COHERENT_M = 0.002
 _STARTS, _SEED = 2, 0
-#: The first search for matches, and later ones with cameras that are nearly right.
+#: The first search for matches, and later ones with cameras that are nearly right; the second is as
+#: wide as the first where outlines miss by more than this, which exact masks do not, metres.
+_ROUGH_M = 0.0008
 _SEARCHES = MatchSearch(sample_m=0.0022, across_px=4), MatchSearch(sample_m=0.0011, across_px=2)
 #: A given focal length is doubted where outlines, trusted to so many metres, cost less by this
 #: share within so many rounds with one that differs by more than this.
@@ -388,11 +390,10 @@ def _by_photos(
     photos: Sequence[PhotoView], rig: Rig, given: Silhouettes, height_m: float, steps: _Steps
 ) -> tuple[Solved, Matches]:
     """The cameras that matches of photos and outlines tell together."""
-    number = 0
+    number, wide = 0, 2 if given.misses_m(rig)[0] > _ROUGH_M else 1
     while True:
         rig, mesh = _in_world(rig, given, height_m)
-        search = _SEARCHES[min(number, 1)]
-        matches = find_matches(mesh, rig, photos, search)
+        matches = find_matches(mesh, rig, photos, _SEARCHES[number >= wide])
         left_m = max(_LEAST_LEFT_M, _LEFT_SHARE * given.misses_m(rig)[0])
         blocks = [given.rays(rig, left_m, _FINE_RAYS), MatchRows(matches.of(~matches.held_out))]
         found = solved(rig, blocks, 8)
@@ -408,7 +409,7 @@ def _by_photos(
         }
         number += 1
         steps.done(f"photos {number}", residuals, found.gain)
-        if number == _MOST_PASSES or (number > 1 and found.gain < _REST_GAIN):
+        if number == _MOST_PASSES or (number > wide and found.gain < _REST_GAIN):
             return found, matches
 
 
