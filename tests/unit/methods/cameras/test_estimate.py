@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from harness.core.camera import Camera
 from methods.cameras.adjustment import Rig
@@ -100,3 +101,22 @@ def test_exact_cameras_stay_and_wrong_ones_are_refined(taken):
     better = refine_cameras(taken.photos, off)
     assert errors_deg(off, taken.cameras).max() > 0.5
     assert errors_deg(better.cameras, taken.cameras).max() < 0.08
+
+
+def test_rough_masks_leave_it_to_matches(taken):
+    """Outlines that wobble by some millimetres: two wide searches for matches, and a narrow one."""
+    photos = []
+    for number, photo in enumerate(taken.photos):
+        rng, rgba = np.random.default_rng(number), photo.rgba.copy()
+        moves = [gaussian_filter(rng.normal(size=rgba.shape[:2]), 8.0) for _ in range(2)]
+        places = [
+            axis + 0.7 * move / move.std()
+            for axis, move in zip(np.indices(rgba.shape[:2]), moves, strict=True)
+        ]
+        rgba[..., 3] = map_coordinates(rgba[..., 3].astype(float), places, order=1)
+        photos.append(PhotoView(photo.name, rgba))
+    found = estimated(taken, photos=photos)
+    assert errors_deg(found.cameras, taken.cameras).max() < 0.15
+    (missed_mm,) = (s.residuals["missed_mm"] for s in found.stages if s.name == "outlines")
+    assert missed_mm > 0.8
+    assert found.stages[-1].name == "photos 3"
