@@ -61,13 +61,16 @@ class Silhouettes:
         place = rig.points.mean(axis=0), self.reach_m
         return OutlineRows.of(self.maps, number, place, sd_m)
 
+    def marks(self, rig: Rig, sd_m: float) -> LandmarkRows:
+        """The landmarks as rows."""
+        assert self.told is not None
+        return LandmarkRows(self.told, landmark_spans(rig), sd_m, space_weight=0.1)
+
     def blocks(
         self, rig: Rig, sd_m: float, landmark_m: float, number: int = _RAYS
     ) -> list[OutlineRows | LandmarkRows]:
         """Both as rows."""
-        assert self.told is not None
-        marks = LandmarkRows(self.told, landmark_spans(rig), landmark_m, space_weight=0.1)
-        return [self.rays(rig, sd_m, number), marks]
+        return [self.rays(rig, sd_m, number), self.marks(rig, landmark_m)]
 
     def misses_m(self, rig: Rig) -> tuple[float, Floats]:
         """Root mean squares by which rays miss: of all, and (C,) of those a view is part of."""
@@ -166,12 +169,15 @@ def _turned(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouettes] 
     ways = [given, replace(given, told=given.told.mirrored(exchanged))]
     here = _refined(rig, given, view)
     tried: list[tuple[float, Rig, Silhouettes]] = []
-    for way in ways:
-        blocks = way.blocks(rig, *_SEARCHED)
-        for angle_deg in _TURNS_DEG:
-            turned = _led_round(rig, view, angle_deg)
-            cost = sum(block.rows(turned).cost for block in blocks)
-            tried.append((cost, turned, way))
+    rays = given.rays(rig, _SEARCHED[0])
+    marks = [way.marks(rig, _SEARCHED[1]) for way in ways]
+    for angle_deg in _TURNS_DEG:
+        turned = _led_round(rig, view, angle_deg)
+        outlines = rays.rows(turned).cost
+        tried += [
+            (outlines + each.rows(turned).cost, turned, way)
+            for each, way in zip(marks, ways, strict=True)
+        ]
     tried.sort(key=lambda each: each[0])
     best: tuple[Solved, Silhouettes] = here, given
     for _, turned, way in tried[:_REFINED]:
