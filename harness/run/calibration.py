@@ -37,6 +37,7 @@ from methods.body.models.model import LandmarkTable, ParametricBody, Posed
 from methods.body.models.smplx_body import SmplxBody
 from methods.body.models.smplx_part import MODEL, SMPLX
 from methods.body.models.thuman_body import MODEL_NAME, fit_parameters, placing
+from methods.body.photos.agreement import placed
 from methods.body.photos.detection import MIRRORED, Detections, detect
 from methods.body.photos.views import Views, load_views
 from methods.body.smplx_offsets import (
@@ -49,27 +50,10 @@ from methods.body.smplx_offsets import (
 from methods.body_fit import jmbo8_plus
 
 _DATASET, _SIZE_LANDMARK_OFFSETS = "avatars-train", (540, 960)
-#: Distances at which a view's pixel, and a subject's deviation, count half.
-_HALF_PX, _HALF_MM = 8.0, 20.0
+#: Distances at which a view's ray, and a subject's deviation, count half.
+_NEAR_M, _HALF_MM = 0.02, 20.0
 _ROUNDS = 30
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-
-
-def triangulated(cameras: Sequence[Camera], pixels: Floats, confidence: Floats) -> Floats:
-    """(3,) world point that pixels (N, 2) of N cameras agree on; a few wrong ones do little."""
-    projections = np.array([camera.projection for camera in cameras])
-    point, weight = np.zeros(3), np.ones(len(cameras))
-    for _ in range(_ROUNDS):
-        # Divided by the depth, the residuals of these equations are pixels.
-        rows = pixels[:, :, None] * projections[:, 2:] - projections[:, :2]
-        rows *= np.sqrt(confidence * weight)[:, None, None]
-        rows /= (projections[:, 2] @ np.append(point, 1.0))[:, None, None]
-        rows = rows.reshape(-1, 4)
-        point = np.linalg.lstsq(rows[:, :3], -rows[:, 3], rcond=None)[0]
-        seen = projections @ np.append(point, 1.0)
-        error_px = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
-        weight = 1.0 / (1.0 + (error_px / _HALF_PX) ** 2)
-    return point
 
 
 def deviations_mm(
@@ -78,11 +62,9 @@ def deviations_mm(
     """(K, 3) from a true body's landmarks to the detected ones, in their carriers' rest axes."""
     blends = blend_landmarks(replace(table, offsets=np.zeros_like(table.offsets)), posed)
     turns = posed.turns[0, table.carriers].double().numpy()
-    points = [
-        triangulated(cameras, found.pixels[:, landmark], found.confidence[:, landmark])
-        for landmark in table.landmarks
-    ]
-    away = np.array(points) - blends[0].double().numpy()
+    chosen = table.landmarks
+    points, _, _ = placed(cameras, found.pixels[:, chosen], found.confidence[:, chosen], _NEAR_M)
+    away = points - blends[0].double().numpy()
     return np.einsum("kji,kj->ki", turns, away) * MM_PER_METRE
 
 

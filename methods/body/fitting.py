@@ -26,6 +26,7 @@ from methods.body.fit.landmark_fit import (
     swapped_views,
 )
 from methods.body.models.model import MAIN_JOINTS, Parameters, ParametricBody, Posed
+from methods.body.photos.agreement import agreed
 from methods.body.photos.views import View, Views
 from methods.body.settings import BodyFitResult, FitCost, FitSettings
 
@@ -242,13 +243,17 @@ def fitted_parameters(
     """As ``fit_body``, in the body model's own parameters, world frame."""
     world_to_fit = fit_frame(views)
     views = in_frame(views, world_to_fit)
+    starts_jointly = settings.stage == "jmbo" and settings.start == "landmarks"
+    is_joint = settings.stage == "landmarks" or starts_jointly
     with context.stage("single views"):
         if first_in is None:
-            parameters = average(fit_each_view(body.sparse(), views.views, views.detections))
+            # All landmarks are fitted together next, from where each view's own lead.
+            told = views.detections if is_joint else agreed(views)
+            parameters = average(fit_each_view(body.sparse(), views.views, told))
         else:
             parameters = average_of_columns(first_in(views, world_to_fit))
     swapped, cost = None, None
-    if settings.stage in ("landmarks", "jmbo") and "landmarks" in (settings.stage, settings.start):
+    if is_joint:
         with context.stage("joint landmarks"):
             views, parameters, swapped = _joint_landmarks(body, views, parameters)
     if settings.stage == "jmbo":

@@ -54,7 +54,7 @@ _INITIAL_BODY = Deviation(
     "first body of each view",
     "PIXIE regresses SMPL-X from the photo",
     "the body model is fitted to MediaPipe's 2-D and 3-D landmarks of the photo, with a prior of "
-    "pose and shape",
+    "pose and shape; a landmark that three photos or more agree on is where they put it",
     _LICENSED,
 )
 #: With PIXIE the average of its bodies is what the fit starts from, as published.

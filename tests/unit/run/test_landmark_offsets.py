@@ -9,13 +9,12 @@ import pytest
 import torch
 
 from harness.core.rigs import RingRig
-from harness.run.calibration import deviations_mm, remaining_mm, symmetric_means, triangulated
+from harness.run.calibration import deviations_mm, remaining_mm, symmetric_means
 from methods.body.models.anatomy import blend_landmarks
 from methods.body.models.model import LandmarkTable, Posed
 from methods.body.photos.detection import COUNT, Detections
 
 CAMERAS = RingRig(views=8).cameras(540, 960)
-POINT = np.array([0.2, 0.5, -0.1])
 
 
 def knee(offset_m):
@@ -32,19 +31,6 @@ def knee(offset_m):
 
 def seen(point):
     return np.array([camera.project(point[None])[0][0] for camera in CAMERAS])
-
-
-def test_exact_pixels_give_the_point():
-    np.testing.assert_allclose(triangulated(CAMERAS, seen(POINT), np.ones(8)), POINT, atol=1e-9)
-
-
-def test_a_view_that_is_wrong_does_little_and_one_without_confidence_nothing():
-    pixels = seen(POINT)
-    pixels[3] += 300.0
-    found = triangulated(CAMERAS, pixels, np.ones(8))
-    assert np.linalg.norm(found - POINT) < 2e-3
-    without = np.where(np.arange(8) == 3, 0.0, 1.0)
-    np.testing.assert_allclose(triangulated(CAMERAS, pixels, without), POINT, atol=1e-9)
 
 
 def test_a_deviation_is_told_in_the_carriers_rest_axes():
