@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from harness.core.arrays import Floats, Mask
 from harness.core.errors import DataError
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import MM_PER_METRE, Unit
 from harness.core.records import MetricValue
+from harness.core.units import MM_PER_METRE, Unit
 from harness.geometry.surface import SurfaceIndex, vertex_normals
 from metrics.distance import nearest_surface_mm
 from metrics.normals import angles_deg

@@ -12,8 +12,8 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.camera import Camera
 from harness.core.errors import MethodError
-from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.records import MetricValue
+from harness.core.units import MM_PER_METRE
 from harness.geometry.similarity import camera_similarity, similarity_of_pictures
 
 #: Thresholds of the area under the curve, degrees, as VGGT and its kin print them.

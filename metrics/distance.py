@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.core.arrays import Floats, Ints, box_of
-from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.records import MetricValue
+from harness.core.units import MM_PER_METRE
 from harness.geometry.surface import SurfaceIndex, SurfacePoints
 
 

@@ -14,9 +14,9 @@ from harness.core.camera import Camera
 from harness.core.errors import DataError
 from harness.core.files.hashing import derive_seed
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.protocol_stages import UNALIGNED, Aligned, Alignment, Frame
 from harness.core.settings import MetricProtocol
+from harness.core.units import MM_PER_METRE
 from harness.geometry.coinciding import merged_positions
 from harness.geometry.similarity import similarity_of_pictures
 from harness.geometry.surface import SurfaceIndex, SurfacePoints, raycasting_scene, search_nearest

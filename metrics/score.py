@@ -9,12 +9,12 @@ import numpy as np
 from harness.core.arrays import Floats, Ints
 from harness.core.errors import DataError, HarnessError
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.protocol_stages import UNALIGNED, Aligned
 from harness.core.records import Diagnostics, DistanceSummary, FScore, MeshFacts, MetricValue
 from harness.core.settings import MetricProtocol
 from harness.core.truth import FaceRegions
 from harness.core.typed_json import to_json
+from harness.core.units import MM_PER_METRE
 from harness.geometry.surface import SurfaceIndex
 from metrics.normals import compared, normal_summary
 from metrics.pair import Pair, Placed

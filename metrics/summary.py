@@ -9,11 +9,11 @@ import numpy as np
 from harness.core.arrays import Floats, Ints, Mask, box_of
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.hashing import derive_seed
-from harness.core.metric_catalog import Unit
 from harness.core.protocol_stages import Column
 from harness.core.records import MetricValue
 from harness.core.settings import MetricProtocol
 from harness.core.truth import FaceRegions
+from harness.core.units import Unit
 from harness.geometry.coinciding import half_edges
 from harness.geometry.surface import SurfaceIndex
 from metrics.distance import (

@@ -20,13 +20,13 @@ from harness.core.errors import MissingPart
 from harness.core.files.atomic import atomic_directory, write_json
 from harness.core.files.hashing import content_hash, derive_seed, file_sha256
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.process.blender import find_blender
 from harness.core.process.source_digest import SourceTree
 from harness.core.process.threads import StepReport, silent
 from harness.core.rigs import PhotoFaults, RingRig
 from harness.core.settings import RenderRecipe
 from harness.core.truth import true_body
+from harness.core.units import MM_PER_METRE
 from harness.geometry.images import linear_from_srgb, load_rgba, save_png, srgb_from_linear
 from renderers.proof import ViewProof, cut_warnings, prove, require_proof
 from renderers.protocol import RENDERERS, Renderer, RenderOutcome, texture_of

@@ -13,9 +13,9 @@ from datetime import UTC, datetime, timedelta
 from harness.board.entries import Entry
 from harness.core.errors import HarnessError, ProtocolMismatch
 from harness.core.files.hashing import file_sha256
-from harness.core.metric_catalog import UNITS_RULE
 from harness.core.records import MetricValue, ProtocolStamp, Record, Scores
 from harness.core.typed_json import is_array, is_mapping, to_json
+from harness.core.units import UNITS_RULE
 from harness.data.manifest import Manifest
 from harness.files.mesh_files import load_mesh
 from harness.run.mesh_scores import mesh_scores

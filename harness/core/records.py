@@ -15,10 +15,11 @@ from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash
 from harness.core.files.names import NAME_RULE, is_name
-from harness.core.metric_catalog import METRICS, UNITS_RULE
+from harness.core.metric_catalog import METRICS
 from harness.core.protocols import RING, MethodInfo, Privilege
 from harness.core.settings import MetricProtocol
 from harness.core.typed_json import from_json, is_array, is_mapping, to_json
+from harness.core.units import UNITS_RULE
 
 
 @dataclass(frozen=True, slots=True)
@@ -496,8 +497,7 @@ def _unread(document: Mapping[str, Any], whole: Collection[str]) -> Record | Non
             about = MethodInfo(method, method)
             stamps = ProtocolStamp("", None, ""), CaptureStamp()
             return Record("", about, dataset, subject, "", *stamps, 0, "missing", "not read")
-        case _:
-            return None
+    return None
 
 
 def _digest(document: Mapping[str, Any]) -> str:

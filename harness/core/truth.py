@@ -13,7 +13,7 @@ from harness.core.artifacts import Scan
 from harness.core.errors import DataError
 from harness.core.files.npz import read_array_npz
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import MM_PER_METRE
+from harness.core.units import MM_PER_METRE
 
 #: In the file of a true body: how far (r.m.s., metres) its surface is from what the body model
 #: gives for its parameters; absent where the model gives the surface itself.

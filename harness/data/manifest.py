@@ -18,9 +18,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from harness.core.errors import DataError, HarnessError, MissingPart, did_you_mean
 from harness.core.field_protocols import FIELD_PROTOCOLS
 from harness.core.files.names import NAME_RULE, is_name, subject_range
-from harness.core.metric_catalog import UNITS_RULE
 from harness.core.rigs import RingRig
 from harness.core.settings import MetricProtocol, RenderRecipe
+from harness.core.units import UNITS_RULE
 from harness.data.field_sets import field_set
 from harness.data.generators import AVATARS, brought_datasets
 from harness.data.yaml_text import read_yaml

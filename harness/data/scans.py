@@ -20,8 +20,8 @@ from harness.core.files.atomic import read_json
 from harness.core.files.hashing import file_sha256
 from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import UNITS_RULE
 from harness.core.process.source_digest import SourceTree
+from harness.core.units import UNITS_RULE
 from harness.data.thuman import find_subject
 from harness.files.mesh_files import load_mesh
 from harness.geometry.coinciding import edges_of, pieces_of

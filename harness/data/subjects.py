@@ -16,8 +16,8 @@ from harness.core.errors import DataError
 from harness.core.files.hashing import file_sha256
 from harness.core.files.pickles import read_array_pickle
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import UNITS_RULE
 from harness.core.process.source_digest import SourceTree
+from harness.core.units import UNITS_RULE
 from harness.data.scans import height_warnings, load_scan, locate_scan, stature
 from harness.data.thuman import (
     CheckedSurface,

@@ -13,10 +13,10 @@ from harness.core.files.hashing import content_hash
 from harness.core.files.names import suffix_of
 from harness.core.files.npz import read_required_arrays, write_npz
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import UNITS_RULE
 from harness.core.protocols import Privilege
 from harness.core.records import Record
 from harness.core.truth import face_regions, true_body
+from harness.core.units import UNITS_RULE
 from harness.data.manifest import Manifest
 from harness.files.mesh_files import load_mesh
 from harness.geometry.raycast import Raycaster, Side

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from harness.core.errors import HarnessError
-from harness.core.metric_catalog import UNITS_RULE, Unit
 from harness.core.protocols import Privilege
 from harness.core.records import Record
 from harness.core.rigs import camera_yaw_deg
+from harness.core.units import UNITS_RULE, Unit
 from harness.data.manifest import SHAREABLE, Dataset, Manifest
 from harness.geometry.images import load_rgba
 from harness.report.figures import TrueSurface, measured_mesh

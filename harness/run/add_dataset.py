@@ -16,7 +16,7 @@ from harness.core.artifacts import Capture, image_name
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import atomic_directory, atomic_path, exclusive_lock, write_json
 from harness.core.files.names import checked_name
-from harness.core.metric_catalog import UNITS_RULE
+from harness.core.units import UNITS_RULE
 from harness.data.converted_scans import Conversion, convert_scan, is_converted, told_of
 from harness.data.field_sets import FieldSet, field_set, find_field
 from harness.data.layouts import Companions, FoundFolder, Layout, find_layout

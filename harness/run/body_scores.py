@@ -13,10 +13,10 @@ from harness.core.arrays import Floats
 from harness.core.artifacts import Body, Capture
 from harness.core.camera import Camera
 from harness.core.mesh import Mesh
-from harness.core.metric_catalog import Unit
 from harness.core.process.shared_work import Sharing, alone
 from harness.core.records import BodyErrors, MetricValue
 from harness.core.truth import TrueBody
+from harness.core.units import Unit
 from harness.geometry.raycast import Raycaster
 from methods.body.photos.detection import detect
 from methods.body.photos.views import frame_side_px

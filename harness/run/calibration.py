@@ -22,10 +22,10 @@ from harness.core.camera import Camera
 from harness.core.errors import DataError, HarnessError, MethodError
 from harness.core.files.names import subject_range
 from harness.core.files.pickles import read_array_pickle
-from harness.core.metric_catalog import MM_PER_METRE
 from harness.core.process.threads import silent
 from harness.core.protocols import Context
 from harness.core.truth import true_parameters
+from harness.core.units import MM_PER_METRE
 from harness.data.manifest import Dataset, Manifest, load_manifest
 from harness.data.subjects import fit_of
 from harness.run.sources import Source

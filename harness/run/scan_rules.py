@@ -14,7 +14,7 @@ import numpy as np
 from harness.core.arrays import Floats
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.pickles import read_array_pickle
-from harness.core.metric_catalog import UNITS_RULE
+from harness.core.units import UNITS_RULE
 from harness.data.converted_scans import UPS, Conversion
 from harness.data.field_sets import FieldSet
 from harness.data.layouts import FoundFolder, Layout, why_converted

@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from harness.core.metric_catalog import Unit
+from harness.core.units import Unit
 from reports.published import PublishedBlock
 from reports.tables.table import DASH, Cell, Column, Row, Table
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from harness.core.errors import DataError, HarnessError
 from harness.core.files.atomic import read_json, write_json
 from harness.core.files.hashing import content_hash
-from harness.core.metric_catalog import Unit
 from harness.core.records import Record
 from harness.core.typed_json import from_json, to_json
+from harness.core.units import Unit
 from reports.tables.selection import check_comparable
 
 BASELINE_SCHEMA = 1

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from harness.core.errors import DataError
-from harness.core.metric_catalog import Unit
 from harness.core.records import AngularErrors, AngularPair, FoldErrors, NormalMapErrors, Record
+from harness.core.units import Unit
 from reports.tables.selection import EVERYTHING, Asked, Group, select
 from reports.tables.table import Cell, Column, Interval, Row, Table, mean_cell
 

@@ -13,8 +13,9 @@ from dataclasses import replace
 from statistics import fmean
 
 from harness.core.errors import HarnessError
-from harness.core.metric_catalog import METRICS, Unit
+from harness.core.metric_catalog import METRICS
 from harness.core.records import Record
+from harness.core.units import Unit
 from reports.statistics import sign_flip_p_value
 from reports.tables.geometry import GEOMETRY_METRICS, metric_column, metric_value
 from reports.tables.selection import EVERYTHING, Asked, Group, Selection, check_comparable, select

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from harness.core.errors import DataError
-from harness.core.metric_catalog import Unit
 from harness.core.records import Record, RegionErrors
+from harness.core.units import Unit
 from reports.tables.selection import EVERYTHING, Asked, Group, select
 from reports.tables.table import Column, Table, cells_of, with_common_means
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from harness.core.metric_catalog import Unit
 from harness.core.records import Record
+from harness.core.units import Unit
 from reports.tables.geometry import GEOMETRY_METRICS, geometry_table
 from reports.tables.selection import EVERYTHING, Asked
 from reports.tables.table import Cell, Column, Row, Table

@@ -107,6 +107,7 @@ def test_only_the_renderer_in_use_is_counted(recipe, scan):
     assert {"bpy", "numpy"} <= set(blender.packages)
     assert "renderers.raycast" not in blender.code
     assert "renderers.proof" not in blender.code, "it looks at pictures and makes none"
+    assert "harness.core.metric_catalog" not in blender.code, "a new metric makes no photo anew"
 
 
 def test_a_damaged_picture_is_named(figure, recipe, scan, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothed_avatars.mesh.quads import Floats, Ints, vertex_normals
-from harness.core.metric_catalog import MM_PER_METRE
+from harness.core.units import MM_PER_METRE
 
 #: Rounds of averaging over neighbours: bumps some three edges wide, as fused depth maps leave them.
 _ROUNDS = 2
