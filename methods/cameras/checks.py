@@ -19,6 +19,7 @@ from methods.cameras.matches import (
     photo_pairs,
 )
 from methods.cameras.search import upright, upright_line
+from methods.cameras.values import turn_sds_deg
 
 #: Views that leave more than this unseen cannot be trusted; photos further apart are not matched.
 _MOST_GAP_DEG, _MATCHED_DEG = 110.0, 65.0
@@ -31,9 +32,9 @@ _MOST_OFF_M, _MOST_APART_M = 0.0012, 0.003
 _MOST_BENT, _MOST_CONTRADICTED = 3.0, 1.1
 #: Fewer points that two pairs see do not tell such people from chance.
 _LEAST_TWICE = 2 * LEAST_MATCHES
-#: Turns less sure than the first are warned of, and a median less sure than the second is refused,
-#: degrees.
-_WEAK_SD_DEG, _MOST_SD_DEG = 0.5, 1.0
+#: Turns less sure than the first are warned of; a photo less sure than the second is left out, and
+#: such a median refused, degrees. Where the median is weak, matches must miss by less than this.
+_WEAK_SD_DEG, _MOST_SD_DEG, _WEAK_OFF_M = 0.5, 1.0, 0.0008
 #: A standard deviation is so many medians of the sizes.
 _TYPICAL = 1.4826
 #: So many ways in which all cameras together can move without a photo telling: turn, shift, scale.
@@ -70,8 +71,22 @@ def check_round(rig: Rig, left_out: Sequence[str] = ()) -> tuple[str, ...]:
     return ()
 
 
-def unmatched(rig: Rig, matches: Matches) -> int | None:
-    """The view whose photo looks like none of its neighbours', though those look like others."""
+def misfit(found: Solved, matches: Matches) -> tuple[int, str] | None:
+    """The view that is to be left out, and why.
+
+    Its photo looks like none of its neighbours', though those look like others; or outlines and
+    matches leave its camera open, though they tell the others'.
+    """
+    if (view := _unmatched(found.rig, matches)) is not None:
+        return view, "it looks like none of its neighbours"
+    sds_deg = turn_sds_deg(spreads(found)[0])
+    view = int(np.argmax(sds_deg))
+    if np.median(sds_deg) > _MOST_SD_DEG or sds_deg[view] <= _MOST_SD_DEG:
+        return None
+    return view, f"its camera is sure to {sds_deg[view]:.1f} degrees only"
+
+
+def _unmatched(rig: Rig, matches: Matches) -> int | None:
     pairs = photo_pairs(rig, rig.points.mean(axis=0))
     counts = matches.counts()
     each = np.array([counts.get(pair, 0) for pair in pairs])
@@ -94,14 +109,12 @@ def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
     pairs = photo_pairs(rig, rig.points.mean(axis=0))
     counts = matches.counts()
     few = sum(counts.get(pair, 0) < LEAST_MATCHES for pair in pairs)
-    judged = matches.of(matches.held_out)
-    if len(judged) < LEAST_MATCHES:
+    off_m = missed_m(rig, matches)
+    if np.isnan(off_m):
         return (
             "neighbouring photos have nearly nothing in common, as with plain clothes: the cameras "
             "are those of outlines alone, which are off by up to a pixel",
         )
-    spans = landmark_spans(rig)[judged.views[:, 1]]
-    off_m = float(np.median(np.abs(met(rig, judged).off_px) * spans))
     apart_m = contradiction_m(rig, matches)
     if off_m > _MOST_OFF_M or apart_m > _MOST_APART_M:
         apart = "" if np.isnan(apart_m) else f" and {1e3 * apart_m:.1f} mm"
@@ -158,22 +171,38 @@ def swayed(rig: Rig, matches: Matches) -> tuple[float, float]:
     return gone / by_chance, _typical(apart / by_noise)
 
 
-def check_sure(sds_deg: Mapping[str, float], left_out: Sequence[str]) -> tuple[str, ...]:
+def missed_m(rig: Rig, matches: Matches) -> float:
+    """Median distance of held-out matches from their epipolar lines, metres at the subject.
+
+    NaN where they are too few.
+    """
+    judged = matches.of(matches.held_out)
+    if len(judged) < LEAST_MATCHES:
+        return np.nan
+    off_px = np.abs(met(rig, judged).off_px)
+    return float(np.median(off_px * landmark_spans(rig)[judged.views[:, 1]]))
+
+
+def check_sure(
+    sds_deg: Mapping[str, float], off_m: float, left_out: Sequence[str]
+) -> tuple[str, ...]:
     """A warning of cameras that are weak.
 
     Args:
         sds_deg: Standard deviations of the cameras' turns, by photo.
+        off_m: ``missed_m``.
         left_out: What a refusal says of photos that are not among them.
 
     Raises:
         MethodError: outlines and matches leave the cameras open.
     """
     median_deg = float(np.median(list(sds_deg.values())))
-    if median_deg > _MOST_SD_DEG:
+    if median_deg > _MOST_SD_DEG or (median_deg > _WEAK_SD_DEG and off_m > _WEAK_OFF_M):
         raise MethodError(
             "the photos do not tell their cameras",
-            expected=f"turns that are sure to {_MOST_SD_DEG:g} degree (standard deviation)",
-            got="; ".join((f"{median_deg:.1f} degrees", *left_out)),
+            expected=f"turns that are sure to {_MOST_SD_DEG:g} degree (standard deviation), or to "
+            f"{_WEAK_SD_DEG:g} where matches miss by {1e3 * _WEAK_OFF_M:.1f} mm",
+            got="; ".join((f"{median_deg:.1f} degrees, {1e3 * off_m:.1f} mm", *left_out)),
             hint="Take eight photos or more, in patterned clothes; check the masks",
         )
     weak = sorted(name for name, sd_deg in sds_deg.items() if sd_deg > _WEAK_SD_DEG)

@@ -150,8 +150,7 @@ class EstimatedCameras:
     def turn_sds_deg(self) -> dict[str, float]:
         """How sure cameras are: standard deviations of their turns, degrees, by photo."""
         own = zip(self.photos, self.covariances, strict=True)
-        squares = {p.name: np.trace(each[:3, :3]) for p, each in own if each is not None}
-        return {name: float(np.degrees(np.sqrt(square))) for name, square in squares.items()}
+        return {p.name: float(turn_sds_deg(each)) for p, each in own if each is not None}
 
     @property
     def turn_sd_deg(self) -> float:
@@ -170,6 +169,12 @@ class EstimatedCameras:
         del told["cameras"], told["warnings"]
         shown: dict[str, object] = _rounded(to_json(told))
         return shown
+
+
+def turn_sds_deg(covariances: Floats) -> Floats:
+    """(...) standard deviations of turns, degrees, of covariances (..., 6, 6)."""
+    squares = np.trace(covariances[..., :3, :3], axis1=-2, axis2=-1)
+    return np.degrees(np.sqrt(squares))
 
 
 def _rounded(value: Any) -> Any:

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from harness.core.errors import DataError, MethodError
+from harness.core.process.threads import silent
 from harness.core.rigs import RingRig
 from methods.body.photos.detection import Detections
 from methods.cameras import estimate, search
@@ -17,13 +18,13 @@ from methods.cameras.checks import (
     check_matches,
     check_round,
     check_sure,
+    misfit,
     spreads,
     swayed,
-    unmatched,
 )
 from methods.cameras.landmarks import by_landmarks
 from methods.cameras.matches import LEAST_MATCHES, Matches, MatchRows, contradiction_m, met
-from methods.cameras.values import Focal, PhotoView
+from methods.cameras.values import Focal, PhotoView, turn_sds_deg
 from tests.unit.methods.cameras.conftest import Taken, errors_deg, landmarks, turned
 from tests.unit.methods.cameras.test_derivatives import exact_matches
 
@@ -80,12 +81,43 @@ def test_one_side_is_refused_and_gaps_are_told():
 def test_a_photo_like_none_of_its_neighbours_is_named(taken):
     told = exact_matches(taken, 1200)
     rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
-    assert unmatched(rig, told) is None
+    found = replace(solved(Rig.of(taken.cameras), [MatchRows(told)], 1), rig=rig)
+    assert misfit(found, told) is None
     silent = told.of(~(told.views == 5).any(axis=1))
-    assert unmatched(rig, silent) == 5
+    assert misfit(found, silent) == (5, "it looks like none of its neighbours")
     few = told.of(np.arange(len(told)) < 40)
-    assert unmatched(rig, few) is None
+    assert misfit(found, few) is None
     assert "plain clothes" in check_matches(rig, few)[0]
+
+
+def test_the_one_photo_whose_camera_is_left_open_is_named(taken):
+    told = exact_matches(taken, 1200)
+    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
+    its = np.flatnonzero((told.views == 3).any(axis=1))
+    kept = np.ones(len(told), dtype=bool)
+    kept[its[6:]] = False
+    found = replace(solved(Rig.of(taken.cameras), [MatchRows(told.of(kept))], 1), rig=rig)
+    left = misfit(found, told)
+    assert left is not None
+    assert left[0] == 3
+    assert left[1].endswith("degrees only")
+    assert turn_sds_deg(spreads(found)[0])[[0, 1, 5, 6]].max() < 1.0
+
+
+@pytest.mark.parametrize(("every", "is_taken"), [(2, True), (4, False)])
+def test_a_finer_search_that_finds_little_is_not_taken(taken, monkeypatch, every, is_taken):
+    """A few matches of noisy photos would leave cameras open that the coarser ones hold."""
+    group = estimate._group(taken.photos, given_focal(taken), taken.marks)
+    known = tuple(taken.cameras[number] for number in group.numbers)
+    _, _, given = estimate._by_landmarks(group, taken.height_m)
+    told = exact_matches(replace(taken, cameras=known), 1200)
+    some = told.of(told.place % every == 0)
+    searches = iter([told, some, some, some, some])
+    monkeypatch.setattr(estimate, "find_matches", lambda *_: next(searches))
+    rig = replace(Rig.of(known), points=landmarks())
+    steps = estimate._Steps(len(known), silent)
+    _, matches = estimate._by_photos(group.photos, rig, given, taken.height_m, steps)
+    assert len(matches) == len(some if is_taken else told)
 
 
 def test_matches_that_contradict_the_cameras_are_refused(taken):
@@ -148,18 +180,25 @@ def test_covariances_tell_what_is_left(taken):
     found = solved(known, [MatchRows(noisy)], 20)
     own, factor_sd = spreads(found)
     off = errors_deg(found.rig.cameras(sizes(taken)), taken.cameras)
-    sd = np.degrees(np.sqrt(np.trace(own[:, :3, :3], axis1=1, axis2=2)))
+    sd = turn_sds_deg(own)
     assert factor_sd == 0.0
     assert 0.1 < np.median(off / sd) < 1.5
 
 
 def test_cameras_that_are_left_open_are_refused_and_weak_ones_told():
     some = {"0.png": 0.2, "1.png": 0.3, "2.png": 0.4}
-    assert check_sure(some, ()) == ()
-    (text,) = check_sure({**some, "1.png": 0.62}, ())
+    assert check_sure(some, 0.0009, ()) == ()
+    (text,) = check_sure({**some, "1.png": 0.62}, 0.0009, ())
     assert text == "cameras are weak, sure to 0.6 degrees only: 1.png"
-    with pytest.raises(MethodError, match=r"got 1.2 degrees; 3.png: it moved\)"):
-        check_sure({**some, "1.png": 1.23, "2.png": 1.5}, ["3.png: it moved"])
+    with pytest.raises(MethodError, match=r"got 1.2 degrees, 0.5 mm; 3.png: it moved\)"):
+        check_sure({**some, "1.png": 1.23, "2.png": 1.5}, 0.0005, ["3.png: it moved"])
+    half = dict.fromkeys(some, 0.6)
+    assert "weak" in check_sure(half, 0.0007, ())[0]
+    assert "weak" in check_sure(half, np.nan, ())[0]
+    with pytest.raises(
+        MethodError, match=r"or to 0.5 where matches miss by 0.8 mm; got 0.6 degrees, 0.9 mm"
+    ):
+        check_sure(half, 0.0009, ())
 
 
 def test_too_few_photos_and_nobody_in_them(taken):
