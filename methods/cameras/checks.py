@@ -35,6 +35,8 @@ _LEAST_TWICE = 2 * LEAST_MATCHES
 #: Turns less sure than the first are warned of; a photo less sure than the second is left out, and
 #: such a median refused, degrees. Where the median is weak, matches must miss by less than this.
 _WEAK_SD_DEG, _MOST_SD_DEG, _WEAK_OFF_M = 0.5, 1.0, 0.0008
+#: A photo whose matches miss by so many times the median photo's is left out.
+_ODD = 2.0
 #: A standard deviation is so many medians of the sizes.
 _TYPICAL = 1.4826
 #: So many ways in which all cameras together can move without a photo telling: turn, shift, scale.
@@ -74,16 +76,27 @@ def check_round(rig: Rig, left_out: Sequence[str] = ()) -> tuple[str, ...]:
 def misfit(found: Solved, matches: Matches) -> tuple[int, str] | None:
     """The view that is to be left out, and why.
 
-    Its photo looks like none of its neighbours', though those look like others; or outlines and
-    matches leave its camera open, though they tell the others'.
+    Its photo looks like none of its neighbours', though those look like others; its matches miss
+    by far more than the others'; or outlines and matches leave its camera open, and no other.
     """
     if (view := _unmatched(found.rig, matches)) is not None:
         return view, "it looks like none of its neighbours"
+    off_px = misses_px(found.rig, matches)
+    if np.isfinite(off_px).any() and np.nanmax(off_px) > _ODD * np.nanmedian(off_px):
+        view, usual_px = int(np.nanargmax(off_px)), float(np.nanmedian(off_px))
+        return view, f"its matches miss by {off_px[view]:.1f} pixels, the others' by {usual_px:.1f}"
     sds_deg = turn_sds_deg(spreads(found)[0])
     view = int(np.argmax(sds_deg))
     if np.median(sds_deg) > _MOST_SD_DEG or sds_deg[view] <= _MOST_SD_DEG:
         return None
     return view, f"its camera is sure to {sds_deg[view]:.1f} degrees only"
+
+
+def misses_px(rig: Rig, matches: Matches) -> Floats:
+    """(C,) median distances of each photo's matches from their epipolar lines; NaN of few."""
+    off_px = np.abs(met(rig, matches).off_px)
+    own = [off_px[(matches.views == view).any(axis=1)] for view in range(len(rig))]
+    return np.array([np.median(each) if len(each) >= LEAST_MATCHES else np.nan for each in own])
 
 
 def _unmatched(rig: Rig, matches: Matches) -> int | None:

@@ -24,6 +24,7 @@ from methods.cameras.checks import (
     check_sure,
     misfit,
     missed_m,
+    misses_px,
     spreads,
     swayed,
 )
@@ -484,7 +485,7 @@ def _answer(
     best, given, matches = found
     rig, (own, factor_sd) = best.rig, spreads(best)
     misses = given.misses_m(rig)[1] / landmark_spans(rig)
-    off = np.abs(met(rig, matches).off_px)
+    off_px = misses_px(rig, matches)
     cameras = rig.cameras([photo.size for photo in group.photos])
     view_of = {number: view for view, number in enumerate(group.numbers)}
     reports: list[PhotoReport] = []
@@ -493,9 +494,8 @@ def _answer(
             reports.append(PhotoReport(name, np.nan, 0, np.nan, group.left_out[number]))
             continue
         view = view_of[number]
-        mine = off[(matches.views == view).any(axis=1)]
-        match_px = float(np.median(mine)) if len(mine) else np.nan
-        reports.append(PhotoReport(name, float(misses[view]), len(mine), match_px))
+        count = int((matches.views == view).sum())
+        reports.append(PhotoReport(name, float(misses[view]), count, float(off_px[view])))
     views = [view_of.get(number) for number in range(len(group.names))]
     return EstimatedCameras(
         cameras=tuple(None if view is None else cameras[view] for view in views),

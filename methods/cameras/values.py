@@ -102,7 +102,7 @@ class PhotoReport:
         name: The photo's.
         outline_px: Root mean square by which its contour's rays miss the others' hull, pixels.
         matches: Points that it has in common with its neighbours.
-        match_px: Median distance of these from where the cameras have them, pixels; NaN without.
+        match_px: Median distance of these from where the cameras have them, pixels; NaN of few.
         left_out: Why it has no camera; empty where it has one.
     """
 
