@@ -104,6 +104,25 @@ def test_the_one_photo_whose_camera_is_left_open_is_named(taken):
     assert turn_sds_deg(spreads(found)[0])[[0, 1, 5, 6]].max() < 1.0
 
 
+def test_the_one_photo_whose_matches_miss_is_named(taken):
+    """Neighbours share its matches, so that theirs miss by more, too."""
+    told = with_noise(exact_matches(taken, 1200), 0.2)
+    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
+    found = replace(solved(Rig.of(taken.cameras), [MatchRows(told)], 1), rig=rig)
+    assert misfit(found, told) is None
+    its = (told.views == 4).any(axis=1)
+    worse = with_noise(told, 2.0)
+    mixed = replace(
+        told,
+        first=np.where(its[:, None], worse.first, told.first),
+        second=np.where(its[:, None], worse.second, told.second),
+    )
+    left = misfit(found, mixed)
+    assert left is not None
+    assert left[0] == 4
+    assert "matches miss by" in left[1]
+
+
 @pytest.mark.parametrize(("every", "is_taken"), [(2, True), (4, False)])
 def test_a_finer_search_that_finds_little_is_not_taken(taken, monkeypatch, every, is_taken):
     """A few matches of noisy photos would leave cameras open that the coarser ones hold."""
