@@ -46,7 +46,8 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
 
     Up to eight rendered photos are counted from the front, and so are those of a method that takes
     all, or that counts further than eight. Of fewer than eight, views that do not exist under their
-    numbers are found by where they stand, if there are photos enough.
+    numbers are found by where they stand, if there are photos enough; so are all where photos were
+    left out because no camera was found for them.
 
     Raises:
         MethodError: the method takes more photos than there are, or none of parallel rays.
@@ -57,13 +58,14 @@ def views_for(method: MethodInfo, capture: Capture) -> ChosenViews:
             got=f"those of '{capture.subject}' by recipe {capture.recipe}",
             hint="Name a --recipe with perspective cameras",
         )
-    wanted, count = method.views, len(capture.cameras)
-    if wanted is None or (capture.recipe != IMPORTED and not _is_thinned(wanted, count)):
+    wanted, count, left_out = method.views, len(capture.cameras), _left_out(capture)
+    is_numbered = capture.recipe != IMPORTED and not left_out
+    if wanted is None or (is_numbered and not _is_thinned(wanted, count)):
         return ChosenViews(capture.from_front(), {})
     if len(wanted) > count:
         raise MethodError(
             f"method '{method.name}' takes {len(wanted)} photos",
-            got=f"{count} of '{capture.subject}'",
+            got=", ".join((f"{count} of '{capture.subject}'", *left_out)),
             hint=f"{_MORE[capture.recipe == IMPORTED]}, or run a method that takes fewer or any "
             "number: econ takes one, mexecon2 two, mexecon+ three or more",
         )
@@ -119,6 +121,12 @@ def _sees_no_depth(method: MethodInfo, capture: Capture) -> bool:
         return False
     seen = [view for view in method.views_of(len(cameras)) if view < len(cameras)]
     return bool(seen) and no_depth_is_told([cameras[view] for view in seen])
+
+
+def _left_out(capture: Capture) -> list[str]:
+    """The photos without a camera among those that cameras were found of, and why."""
+    photos = (capture.provenance.get(ESTIMATE) or {}).get("photos", ())
+    return [f"without {each['name']}: {each['left_out']}" for each in photos if each["left_out"]]
 
 
 def _is_thinned(wanted: tuple[int, ...], count: int) -> bool:

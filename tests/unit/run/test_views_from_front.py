@@ -184,6 +184,28 @@ def test_a_method_that_takes_more_photos_than_there_are_says_so():
         views_for(MethodInfo("m", "M", views=tuple(range(8))), imported([0, 90, 200]))
 
 
+def test_where_a_photo_was_left_out_the_others_keep_their_places():
+    """Numbers after it would be one less, and the back another view."""
+    ring = imported(range(0, 360, 45))
+    reports = [
+        {"name": f"photo {view}", "left_out": "it moved" if view == 2 else ""} for view in range(8)
+    ]
+    seven = replace(
+        ring,
+        recipe="quick8-uncalibrated",
+        cameras=tuple(camera for view, camera in enumerate(ring.cameras) if view != 2),
+        provenance={"estimate": {"focal": "given", "photos": reports}},
+    )
+    chosen = views_for(MethodInfo("m2", "M", views=(0, 4)), seven)
+    assert chosen.details == {"photos_by_view": {"0": 0, "4": 3}}
+    assert chosen.capture.cameras[4] is ring.cameras[4]
+    with pytest.raises(
+        MethodError, match="takes 8 photos .got 7 of '.*', without photo 2: it moved"
+    ):
+        views_for(MethodInfo("m8", "M", views=tuple(range(8))), seven)
+    assert len(views_for(MethodInfo("m", "M"), seven).capture.cameras) == 7
+
+
 def test_a_method_that_takes_all_photos_is_given_all_from_the_front():
     chosen = views_for(MethodInfo("m", "M"), imported([90, 0, 200]))
     assert chosen.capture.numbers == (1, 0, 2)
