@@ -123,7 +123,9 @@ def test_the_one_photo_whose_matches_miss_is_named(taken):
     assert "matches miss by" in left[1]
 
 
-@pytest.mark.parametrize(("every", "is_taken"), [(2, True), (4, False)])
+@pytest.mark.parametrize(
+    ("every", "is_taken"), [pytest.param(2, True, marks=pytest.mark.nightly), (4, False)]
+)
 def test_a_finer_search_that_finds_little_is_not_taken(taken, monkeypatch, every, is_taken):
     """A few matches of noisy photos would leave cameras open that the coarser ones hold."""
     group = estimate._group(taken.photos, given_focal(taken), taken.marks)

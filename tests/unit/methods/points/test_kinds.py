@@ -118,7 +118,7 @@ def gaussians(flat: bool) -> Gaussians:
     return Gaussians(RADIUS_M * ways, scales, rotations, np.full(COUNT, 0.9))
 
 
-SLOW = ("isotropic Gaussians", "flat Gaussians")
+SLOW = ("isotropic Gaussians", "flat Gaussians", "a cloud")
 FORMS = {
     "depth maps": depth_maps,
     "a cloud": lambda _: cloud(normals=False),
@@ -129,7 +129,7 @@ FORMS = {
 
 
 def marked(forms):
-    """Gaussians take ten times as long as the others."""
+    """Gaussians take ten times as long as the others; a cloud is given normals, and then is one."""
     return [pytest.param(f, marks=pytest.mark.nightly if f in SLOW else ()) for f in forms]
 
 
