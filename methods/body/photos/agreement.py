@@ -90,8 +90,10 @@ def agreed(views: Views) -> Detections:
     """
     own = views.detections
     cameras = [view.camera for view in views.views]
+    if len(cameras) < _LEAST_VIEWS:
+        return own
     points, misses, is_agreed = placed(cameras, own.pixels, own.confidence)
-    if len(cameras) < _LEAST_VIEWS or not is_agreed[_HIPS].all():
+    if not is_agreed[_HIPS].all():
         return own
     near = misses < _NEAR_M
     sure = (own.confidence * near).sum(axis=0) / np.maximum(near.sum(axis=0), 1)

@@ -16,15 +16,19 @@ POINTS = np.random.default_rng(3).normal(0.0, [0.25, 0.5, 0.15], (COUNT, 3))
 LEFT_ARM, RIGHT_ARM = [13, 15, 17, 19, 21], [14, 16, 18, 20, 22]
 
 
+def in_space(cameras=CAMERAS):
+    about = POINTS - POINTS[[23, 24]].mean(axis=0)
+    return np.array([about @ camera.rotation.T for camera in cameras])
+
+
 def found(cameras=CAMERAS, depth_off_m=0.1):
     """Exact pixels, and landmarks in space whose depth each view has wrong."""
     rng = np.random.default_rng(0)
-    about = POINTS - POINTS[[23, 24]].mean(axis=0)
-    in_space = np.array([about @ camera.rotation.T for camera in cameras])
-    in_space[..., 2] += rng.normal(0.0, depth_off_m, in_space.shape[:2])
+    guessed = in_space(cameras)
+    guessed[..., 2] += rng.normal(0.0, depth_off_m, guessed.shape[:2])
     return Detections(
         pixels=np.array([camera.project(POINTS)[0] for camera in cameras]),
-        points_camera=in_space,
+        points_camera=guessed,
         confidence=np.full((len(cameras), COUNT), 0.8),
         hands=np.ones((len(cameras), 2)),
     )
@@ -36,11 +40,6 @@ def views(detections, cameras=CAMERAS):
         View(index, camera, np.ones((1, 1)), 900.0, place) for index, camera in enumerate(cameras)
     ]
     return Views(tuple(seen), detections, {})
-
-
-def in_space(cameras=CAMERAS):
-    about = POINTS - POINTS[[23, 24]].mean(axis=0)
-    return np.array([about @ camera.rotation.T for camera in cameras])
 
 
 def test_exact_pixels_give_the_points():
@@ -62,6 +61,13 @@ def test_views_that_are_wrong_do_little_and_one_without_confidence_nothing():
     told.confidence[[3, 5]] = 0.0
     points, _, _ = placed(CAMERAS, told.pixels, told.confidence)
     np.testing.assert_allclose(points, POINTS, atol=1e-9)
+
+
+def test_the_nearer_a_ray_must_be_the_less_a_wrong_view_does():
+    told = found()
+    told.pixels[3] += 300.0
+    points, _, _ = placed(CAMERAS, told.pixels, told.confidence, 0.02)
+    assert np.linalg.norm(points - POINTS, axis=1).max() < 2e-3
 
 
 def test_depth_that_each_view_has_wrong_is_that_of_all():

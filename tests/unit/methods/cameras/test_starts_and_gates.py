@@ -13,7 +13,7 @@ from harness.core.process.threads import silent
 from harness.core.rigs import RingRig
 from methods.body.photos.detection import Detections
 from methods.cameras import estimate, search
-from methods.cameras.adjustment import Rig, solved
+from methods.cameras.adjustment import Rig, Solved, solved
 from methods.cameras.checks import (
     check_matches,
     check_round,
@@ -78,25 +78,29 @@ def test_one_side_is_refused_and_gaps_are_told():
         check_round(ring.at([0, 1, 2, 7]))
 
 
+def held_by(taken: Taken, told: Matches) -> Solved:
+    """The true cameras, as sure as matches make them."""
+    rig = Rig.of(taken.cameras)
+    return replace(solved(rig, [MatchRows(told)], 1), rig=replace(rig, points=np.zeros((33, 3))))
+
+
 def test_a_photo_like_none_of_its_neighbours_is_named(taken):
     told = exact_matches(taken, 1200)
-    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
-    found = replace(solved(Rig.of(taken.cameras), [MatchRows(told)], 1), rig=rig)
+    found = held_by(taken, told)
     assert misfit(found, told) is None
     silent = told.of(~(told.views == 5).any(axis=1))
     assert misfit(found, silent) == (5, "it looks like none of its neighbours")
     few = told.of(np.arange(len(told)) < 40)
     assert misfit(found, few) is None
-    assert "plain clothes" in check_matches(rig, few)[0]
+    assert "plain clothes" in check_matches(found.rig, few)[0]
 
 
 def test_the_one_photo_whose_camera_is_left_open_is_named(taken):
     told = exact_matches(taken, 1200)
-    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
     its = np.flatnonzero((told.views == 3).any(axis=1))
     kept = np.ones(len(told), dtype=bool)
     kept[its[6:]] = False
-    found = replace(solved(Rig.of(taken.cameras), [MatchRows(told.of(kept))], 1), rig=rig)
+    found = held_by(taken, told.of(kept))
     left = misfit(found, told)
     assert left is not None
     assert left[0] == 3
@@ -107,8 +111,7 @@ def test_the_one_photo_whose_camera_is_left_open_is_named(taken):
 def test_the_one_photo_whose_matches_miss_is_named(taken):
     """Neighbours share its matches, so that theirs miss by more, too."""
     told = with_noise(exact_matches(taken, 1200), 0.2)
-    rig = replace(Rig.of(taken.cameras), points=np.zeros((33, 3)))
-    found = replace(solved(Rig.of(taken.cameras), [MatchRows(told)], 1), rig=rig)
+    found = held_by(taken, told)
     assert misfit(found, told) is None
     its = (told.views == 4).any(axis=1)
     worse = with_noise(told, 2.0)

@@ -56,9 +56,7 @@ def test_windows_under_planes_are_the_plain_ones(radius: int) -> None:
     first, second = picture(0, CAMERAS[0]), picture(1, CAMERAS[1], (76, 58))
     settings, depth_m = MatchSettings(radius_px=radius), 3.0
     normal = np.array([0.3, 0.2, -1.0]) / np.linalg.norm([0.3, 0.2, -1.0])
-    # The plain ones take the square of the radius.
-    apart = 6 if radius == MOST_RADIUS else 3
-    rows, columns = np.mgrid[0:80:apart, 6:60:apart]
+    rows, columns = np.mgrid[0:80:3, 6:60:3]
     shape = first.values.shape
     planes = Planes()
     planes.depth = device_array(np.full(shape, depth_m), wp.float32)
@@ -93,7 +91,7 @@ def test_windows_under_planes_are_the_plain_ones(radius: int) -> None:
                 b[j, i] = bilinear(second.values, *second.camera.project(there[None])[0][0])
         exact.append(correlated(a, b, weights, 0.02**2))
     np.testing.assert_allclose(found, exact, atol=2e-3)
-    assert (np.array(exact) > -0.9).mean() > 0.42
+    assert (np.array(exact) > -0.9).sum() > 200
 
 
 @pytest.mark.parametrize("radius", [1, 5, MOST_RADIUS])
