@@ -9,7 +9,15 @@ from harness.core.artifacts import image_name
 from harness.core.errors import DataError, MethodError
 from harness.core.process.threads import silent
 from harness.geometry.images import load_rgba, save_png
-from renderers.proof import ViewProof, _contour_distances, cut_warnings, prove, require_proof
+from harness.geometry.raycast import Raycaster
+from renderers.proof import (
+    ViewProof,
+    _contour_distances,
+    _covered,
+    cut_warnings,
+    prove,
+    require_proof,
+)
 from renderers.raycast import RaycastRenderer
 
 
@@ -57,6 +65,16 @@ def test_other_pictures_fail(figure, recipe, pictures, edit):
     change(pictures, edit)
     with pytest.raises(MethodError, match="fails its proof"):
         require_proof(prove(figure, recipe.cameras(), pictures), 0.98, "figure")
+
+
+def test_covered_pixels_are_those_of_nine_rays_each(figure, recipe):
+    wide = figure.transformed(np.diag([2.5, 1.0, 1.0, 1.0]))  # the frame cuts it, too
+    for mesh in (figure, wide):
+        caster = Raycaster(mesh)
+        for camera in recipe.cameras():
+            covered = caster.coverage(camera, supersample=3) > 0.5
+            assert 0.02 < covered.mean() < 0.98
+            np.testing.assert_array_equal(_covered(caster, camera), covered)
 
 
 def test_an_empty_picture_of_nothing_is_no_proof(figure, recipe, pictures):
