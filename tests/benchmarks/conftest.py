@@ -16,10 +16,12 @@ class Turns:
 
     Attributes:
         seconds: By way, one entry a round.
+        cpu_seconds: The same in processor time of this process.
         results: By way, what its last round returned.
     """
 
     seconds: Mapping[str, list[float]]
+    cpu_seconds: Mapping[str, list[float]]
     results: Mapping[str, Any]
 
     def least_s(self, way: str) -> float:
@@ -30,6 +32,10 @@ class Turns:
         """How many times as long ``way`` takes as ``other``."""
         return self.least_s(way) / self.least_s(other)
 
+    def cpu_ratio(self, way: str, other: str) -> float:
+        """The same in processor time."""
+        return min(self.cpu_seconds[way]) / min(self.cpu_seconds[other])
+
 
 @pytest.fixture
 def in_turns() -> Callable[..., Turns]:
@@ -37,12 +43,14 @@ def in_turns() -> Callable[..., Turns]:
 
     def measure(ways: Mapping[str, Callable[[], Any]], rounds: int = 3) -> Turns:
         seconds: dict[str, list[float]] = {way: [] for way in ways}
+        cpu_seconds: dict[str, list[float]] = {way: [] for way in ways}
         results: dict[str, Any] = {}
         for _ in range(rounds):
             for way, work in ways.items():
-                start = time.perf_counter()
+                start, cpu_start = time.perf_counter(), time.process_time()
                 results[way] = work()
                 seconds[way].append(time.perf_counter() - start)
-        return Turns(seconds, results)
+                cpu_seconds[way].append(time.process_time() - cpu_start)
+        return Turns(seconds, cpu_seconds, results)
 
     return measure

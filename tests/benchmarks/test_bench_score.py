@@ -1,7 +1,8 @@
 """Scoring against the plain way: the same numbers, several times as fast.
 
 The plain way is how such an evaluation is usually put together: trimesh to read and sample, Open3D
-to read again and to search, and a Python loop over the points for the normals.
+to read again and to search, and a Python loop over the points for the normals. The careful way uses
+the same libraries, but reads each file once and has no loop.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from metrics.pair import EdgeIndex
 pytestmark = pytest.mark.nightly
 
 MEXECON = MetricProtocol("mexecon", 1, 30_000, "independent", "sample-to-sample")
-LEAST_SPEEDUP = 2.5
+#: Over the plain way, and over the careful one.
+LEAST_SPEEDUP, LEAST_CAREFUL = 2.5, 1.5
 
 
 def bumpy_body(phase: float, rings: int = 500) -> Mesh:
@@ -64,8 +66,8 @@ def pair(tmp_path_factory):
     return paths
 
 
-def plain_way(predicted: Path, truth: Path) -> dict[str, float]:
-    """The four metrics as published, in mm and degrees, put together without care for speed."""
+def plain_way(predicted: Path, truth: Path, *, careful: bool = False) -> dict[str, float]:
+    """The four metrics as published, in mm and degrees, put together with or without care."""
     samples, normals, scenes, meshes = [], [], [], []
     for seed, path in enumerate((predicted, truth)):
         loaded = trimesh.load(path, force="mesh", process=False)
@@ -74,7 +76,11 @@ def plain_way(predicted: Path, truth: Path) -> dict[str, float]:
         corner_normals = loaded.vertex_normals[loaded.faces[faces]]
         samples.append(np.asarray(points))
         normals.append(np.einsum("nk,nkj->nj", weights, corner_normals))
-        mesh = o3d.io.read_triangle_mesh(str(path))
+        if careful:
+            vertices = o3d.utility.Vector3dVector(loaded.vertices)
+            mesh = o3d.geometry.TriangleMesh(vertices, o3d.utility.Vector3iVector(loaded.faces))
+        else:
+            mesh = o3d.io.read_triangle_mesh(str(path))
         mesh.compute_vertex_normals()
         meshes.append(mesh)
         scenes.append(o3d.t.geometry.RaycastingScene())
@@ -89,7 +95,7 @@ def plain_way(predicted: Path, truth: Path) -> dict[str, float]:
     )
     there = cKDTree(samples[1]).query(samples[0])[0].mean()
     back = cKDTree(samples[0]).query(samples[1])[0].mean()
-    angles = normal_angles(normals[0], meshes[1], answers[0])
+    angles = (careful_angles if careful else normal_angles)(normals[0], meshes[1], answers[0])
     return {
         "chamfer": 1000 * (there + back) / 2,
         "p2s_accuracy": 1000 * accuracy,
@@ -112,23 +118,42 @@ def normal_angles(predicted_normals, truth, answer) -> list[float]:
     return angles
 
 
+def careful_angles(predicted_normals, truth, answer):
+    triangles, vertex_normals = np.asarray(truth.triangles), np.asarray(truth.vertex_normals)
+    u, v = answer["primitive_uvs"].numpy().T
+    corners = vertex_normals[triangles[answer["primitive_ids"].numpy()]]
+    true = np.einsum("nk,nkc->nc", np.stack([1 - u - v, u, v], axis=1), corners)
+    lengths = np.linalg.norm(true, axis=1) * np.linalg.norm(predicted_normals, axis=1)
+    cosine = (true * predicted_normals).sum(axis=1) / lengths
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
 def our_way(predicted: Path, truth: Path) -> dict[str, float]:
     result = score(predicted, truth, MEXECON)
     return {name: metric.value for name, metric in result.metrics.items()}
 
 
-def test_scoring_half_a_million_faces_is_faster_than_the_plain_way(benchmark, in_turns, pair):
-    """At least 2.5 times as fast.
+def test_scoring_half_a_million_faces_is_faster_than_both_ways(benchmark, in_turns, pair):
+    """At least 2.5 and 1.5 times as fast.
 
-    Measured in turns on two cores that other work kept busy: 2.90 times (3.5 s against 10.2 s) and
-    2.77 times; 2.95 beside one other job.
+    Measured in turns on two cores: 2.7 and 2.2 times (1.6 s against 4.5 s and 3.7 s); in processor
+    time 2.2 and 1.9 times. A third of ours goes into what the other ways do not do: vertices are
+    joined across texture seams, surfaces that are there twice and turned faces are told.
     """
-    turns = in_turns({"plain": lambda: plain_way(*pair), "ours": lambda: our_way(*pair)})
-    benchmark.extra_info["plain_s"] = turns.least_s("plain")
-    benchmark.extra_info["speedup"] = turns.ratio("plain", "ours")
+    ways = {
+        "plain": lambda: plain_way(*pair),
+        "careful": lambda: plain_way(*pair, careful=True),
+        "ours": lambda: our_way(*pair),
+    }
+    turns = in_turns(ways)
+    for way in ("plain", "careful"):
+        benchmark.extra_info[f"{way}_s"] = turns.least_s(way)
+        benchmark.extra_info[f"speedup_over_{way}"] = turns.ratio(way, "ours")
+        benchmark.extra_info[f"cpu_speedup_over_{way}"] = turns.cpu_ratio(way, "ours")
+        assert turns.results["ours"] == pytest.approx(turns.results[way], rel=0.02)
     benchmark.pedantic(our_way, args=pair, rounds=2)
-    assert turns.results["ours"] == pytest.approx(turns.results["plain"], rel=0.02)
     assert turns.ratio("plain", "ours") >= LEAST_SPEEDUP, turns.seconds
+    assert turns.ratio("careful", "ours") >= LEAST_CAREFUL, turns.seconds
 
 
 MILLION = """

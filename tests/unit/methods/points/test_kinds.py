@@ -144,8 +144,8 @@ def test_a_sphere_in_any_form_is_within_a_millimetre(form, photos, tmp_path):
     assert (tmp_path / "points.npz").is_file()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("form", marked(["depth maps", "flat Gaussians"]))
+@pytest.mark.nightly
+@pytest.mark.parametrize("form", ["depth maps", "flat Gaussians"])
 def test_a_sphere_seen_by_parallel_rays_is_within_a_millimetre(form, parallel, tmp_path):
     result = made(FORMS[form](parallel.cameras), parallel, tmp_path)
     assert off_mm(result.mesh) < 1.0
@@ -183,7 +183,7 @@ def test_scaled_turned_points_come_back_by_their_cameras(form, photos, tmp_path)
     assert alignment["centre_rms_mm"] < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_is_in_its_own_frame_stays_there_for_the_protocol(photos, tmp_path):
     moved = replace(elsewhere(cloud(normals=False), photos.cameras), cameras=None)
     result = made(moved, photos, tmp_path, Privilege.OWN_FRAME)
