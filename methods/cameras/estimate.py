@@ -63,6 +63,9 @@ _SOLE_M = 0.03
 #: Outlines that miss by more than this, root mean square, contradict each other, metres: wrong
 #: minima miss by 4 mm, right ones by 0.2 to 0.8.
 _COHERENT_M = 0.002
+#: Noisy outlines miss by up to this, metres, and all alike: without the worst photo by no less than
+#: this share of what they do with it. Where one photo is wrong, the others are coherent without it.
+_NOISY_M, _ALIKE = 0.003, 0.75
 _STARTS, _SEED = 2, 0
 #: The first search for matches, and later ones with cameras that are nearly right; the second is as
 #: wide as the first where outlines miss by more than this, which exact masks do not, metres.
@@ -269,10 +272,12 @@ def _by_outlines(
         if len(rig) > LEAST_PHOTOS:
             keep = _others(len(rig), worst)
             missed, rest, held = _begun(rig.at(keep), given.at(keep))
+            if _is_noise(best[0], missed):
+                return group, *best[1:]
             if missed < _COHERENT_M:
                 whole, again = brought_back(rig.with_views(keep, rest), given, worst)
-                missed, each = again.misses_m(whole)
-                if missed < _COHERENT_M:
+                of_all, each = again.misses_m(whole)
+                if of_all < _COHERENT_M or _is_noise(of_all, missed):
                     return group, whole, again
                 return group.without(worst, _off(each[worst])), rest, held
         for _ in range(_STARTS):
@@ -286,6 +291,11 @@ def _by_outlines(
             raise _contradiction(missed, each, [photo.name for photo in group.photos])
         worst = _worst(found, held)
         group, rig, given = _without(group, (found, held), worst, _off(each[worst]))
+
+
+def _is_noise(missed: float, without_worst: float) -> bool:
+    """Whether outlines that miss by so much, metres, with and without one, are noisy ones."""
+    return missed < _NOISY_M and without_worst > _ALIKE * missed
 
 
 def _begun(rig: Rig, given: Silhouettes) -> tuple[float, Rig, Silhouettes]:

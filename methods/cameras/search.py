@@ -105,8 +105,17 @@ def settled(rig: Rig, given: Silhouettes) -> Rig:
 
 
 def brought_back(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouettes]:
-    """The rig with one view where it fits the others best, wherever it was before."""
-    rig, given = _turned(rig, given, view) or (_refined(rig, given, view).rig, given)
+    """The rig with one view where it fits the others best, wherever it was before.
+
+    That may be no place where anybody holds a camera, and too far from the right one: the search
+    also begins from another view's.
+    """
+    elsewhere = rig.with_views([view], rig.at([int(view == 0)]))
+    found = [
+        _turned(at, given, view) or (_refined(at, given, view).rig, given)
+        for at in (rig, elsewhere)
+    ]
+    rig, given = min(found, key=lambda each: each[1].misses_m(each[0])[0])
     return settled(_settled(rig, given, _AFTER), given), given
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter
 from scipy.spatial.transform import Rotation
 
 from harness.core.errors import DataError, MethodError
@@ -66,6 +67,53 @@ def test_a_view_planted_25_degrees_off_is_found(taken):
     missed, found, _ = estimate._begun(planted, given)
     assert missed < 0.0006
     assert errors_deg(found.cameras(sizes(taken)), known).max() < 1.0
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_a_view_led_astray_is_brought_back(taken, seed):
+    """Turned by 140 degrees about any axis, its own neighbourhood has wrong minima alone."""
+    group = estimate._group(taken.photos, given_focal(taken), taken.marks)
+    known = tuple(taken.cameras[number] for number in group.numbers)
+    _, _, given = estimate._by_landmarks(group, taken.height_m)
+    good = replace(Rig.of(known), points=landmarks())
+    axis = np.random.default_rng(seed).normal(size=3)
+    turn = Rotation.from_rotvec(np.radians(140) * axis / np.linalg.norm(axis)).as_matrix()
+    middle, before = good.points.mean(axis=0), good.rotations[3]
+    away = good.shifts[3] + before @ middle - before @ turn @ middle
+    led = replace(good, rotations=(before @ turn)[None], shifts=away[None])
+    found, held = search.brought_back(good.with_views([3], led), given, 3)
+    assert held.misses_m(found)[0] < 0.0006
+    assert errors_deg(found.cameras(sizes(taken)), known).max() < 1.0
+
+
+def wobbling(photo: PhotoView, seed: int, amplitude_px: float) -> PhotoView:
+    """A photo whose outline goes in and out in waves of some pixels."""
+    rng, alpha = np.random.default_rng(seed), photo.rgba[..., 3].astype(float)
+    off = [gaussian_filter(rng.normal(size=alpha.shape), 6) for _ in range(2)]
+    places = np.mgrid[: alpha.shape[0], : alpha.shape[1]]
+    moved = [place + amplitude_px * o / o.std() for place, o in zip(places, off, strict=True)]
+    shown = map_coordinates(alpha, moved, order=1, mode="nearest")
+    return PhotoView(photo.name, np.dstack([photo.rgba[..., :3], shown.astype(np.uint8)]))
+
+
+@pytest.mark.nightly
+def test_noisy_outlines_leave_no_photo_out_and_one_wrong_one_does(taken):
+    """All of them miss alike by more than outlines of one person do; a shifted one alone does."""
+    photos = tuple(wobbling(photo, n, 1.2) for n, photo in enumerate(taken.photos))
+    rng = np.random.default_rng(0)
+
+    def by_outlines(these):
+        group = estimate._group(these, given_focal(taken), taken.marks)
+        return estimate._by_outlines(*estimate._by_landmarks(group, taken.height_m), rng)
+
+    group, rig, given = by_outlines(photos)
+    assert estimate._COHERENT_M < given.misses_m(rig)[0] < estimate._NOISY_M
+    assert group.left_out == {}
+    shown = taken.photos[2].rgba
+    wide = np.dstack([shown[..., :3], maximum_filter(shown[..., 3], 25)])
+    group, _, _ = by_outlines((*taken.photos[:2], PhotoView("2.png", wide), *taken.photos[3:]))
+    assert list(group.left_out) == [2]
 
 
 def test_one_side_is_refused_and_gaps_are_told():
