@@ -141,6 +141,11 @@ def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
     warnings: list[str] = []
     if few:
         warnings.append(f"{few} of {len(pairs)} pairs of neighbouring photos have hardly a match")
+    if (groups := _joined(len(rig), counts)) > 1:
+        warnings.append(
+            f"no matches join {groups} groups of photos: how they stand to each other follows from "
+            "outlines alone, and may be off by more than is told"
+        )
     bent, apart = swayed(rig, matches)
     if bent > _MOST_BENT or apart > _MOST_CONTRADICTED:
         warnings.append(
@@ -148,6 +153,17 @@ def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
             f"as matches tell (bends {bent:.1f}, contradictions {apart:.1f}; 1 is noise)"
         )
     return tuple(warnings)
+
+
+def _joined(views: int, counts: Mapping[tuple[int, int], int]) -> int:
+    """Into how many groups of views matches join them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    both = np.array([pair for pair, count in counts.items() if count >= LEAST_MATCHES])
+    ends = both.reshape(-1, 2).T
+    joins = coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(views, views))
+    return int(connected_components(joins, directed=False)[0])
 
 
 def swayed(rig: Rig, matches: Matches) -> tuple[float, float]:

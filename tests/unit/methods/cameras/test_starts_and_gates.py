@@ -143,6 +143,18 @@ def test_a_photo_like_none_of_its_neighbours_is_named(taken):
     assert "plain clothes" in check_matches(found.rig, few)[0]
 
 
+def test_groups_of_photos_that_no_matches_join_are_told(taken):
+    """A ring may miss one pair of neighbours; without two it falls apart."""
+    told = exact_matches(taken, 1200)
+    half = np.isin(told.views, [0, 1, 2, 3])
+    across = np.flatnonzero(half[:, 0] != half[:, 1])
+    one = (told.views[across] == told.views[across[0]]).all(axis=1)
+    for gone, groups in ((across[:0], 1), (across[one], 1), (across, 2)):
+        kept = told.of(~np.isin(np.arange(len(told)), gone))
+        warned = [each for each in check_matches(held_by(taken, kept).rig, kept) if "join" in each]
+        assert warned == [] if groups == 1 else f"join {groups} groups" in warned[0]
+
+
 def test_the_one_photo_whose_camera_is_left_open_is_named(taken):
     told = exact_matches(taken, 1200)
     its = np.flatnonzero((told.views == 3).any(axis=1))
