@@ -65,7 +65,7 @@ _SOLE_M = 0.03
 _COHERENT_M = 0.002
 #: Noisy outlines miss by up to this, metres, and all alike: without the worst photo by no less than
 #: this share of what they do with it. Where one photo is wrong, the others are coherent without it.
-_NOISY_M, _ALIKE = 0.003, 0.75
+_NOISY_M, _ALIKE = 0.003, 0.6
 _STARTS, _SEED = 2, 0
 #: The first search for matches, and later ones with cameras that are nearly right; the second is as
 #: wide as the first where outlines miss by more than this, which exact masks do not, metres.

@@ -111,12 +111,12 @@ def brought_back(rig: Rig, given: Silhouettes, view: int) -> tuple[Rig, Silhouet
     also begins from another view's.
     """
     elsewhere = rig.with_views([view], rig.at([int(view == 0)]))
-    found = [
-        _turned(at, given, view) or (_refined(at, given, view).rig, given)
-        for at in (rig, elsewhere)
-    ]
-    rig, given = min(found, key=lambda each: each[1].misses_m(each[0])[0])
-    return settled(_settled(rig, given, _AFTER), given), given
+    tried: list[tuple[float, Rig, Silhouettes]] = []
+    for begun in (rig, elsewhere):
+        found = _turned(begun, given, view) or (_refined(begun, given, view).rig, given)
+        ended = settled(_settled(*found, _AFTER), found[1])
+        tried.append((found[1].misses_m(ended)[0], ended, found[1]))
+    return min(tried, key=lambda each: each[0])[1:]
 
 
 def shaken(rig: Rig, rng: Generator) -> Rig:
