@@ -160,9 +160,9 @@ def _joined(views: int, counts: Mapping[tuple[int, int], int]) -> int:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    both = np.array([pair for pair, count in counts.items() if count >= LEAST_MATCHES])
-    ends = both.reshape(-1, 2).T
-    joins = coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(views, views))
+    pairs = [pair for pair, count in counts.items() if count >= LEAST_MATCHES]
+    ends = np.array(pairs, dtype=np.int32).reshape(-1, 2).T
+    joins = coo_array((np.ones(len(pairs)), tuple(ends)), shape=(views, views))
     return int(connected_components(joins, directed=False)[0])
 
 

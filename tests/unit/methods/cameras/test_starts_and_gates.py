@@ -16,6 +16,7 @@ from methods.body.photos.detection import Detections
 from methods.cameras import estimate, search
 from methods.cameras.adjustment import Rig, Solved, solved
 from methods.cameras.checks import (
+    _joined,
     check_matches,
     check_round,
     check_sure,
@@ -153,6 +154,8 @@ def test_groups_of_photos_that_no_matches_join_are_told(taken):
         kept = told.of(~np.isin(np.arange(len(told)), gone))
         warned = [each for each in check_matches(held_by(taken, kept).rig, kept) if "join" in each]
         assert warned == [] if groups == 1 else f"join {groups} groups" in warned[0]
+    assert _joined(3, {(0, 1): LEAST_MATCHES, (1, 2): LEAST_MATCHES - 1}) == 2
+    assert _joined(3, {}) == 3
 
 
 def test_the_one_photo_whose_camera_is_left_open_is_named(taken):
