@@ -112,8 +112,9 @@ def _covered(caster: Raycaster, camera: Camera) -> Mask:
     from scipy.ndimage import binary_dilation, binary_erosion
 
     covered, square = caster.mask(camera), np.ones((3, 3), dtype=bool)
-    inside = binary_erosion(covered, square, border_value=1)
-    rows, columns = np.nonzero(binary_dilation(covered, square) & ~inside)
+    inside = np.asarray(binary_erosion(covered, square, border_value=1), dtype=bool)
+    near = np.asarray(binary_dilation(covered, square), dtype=bool)
+    rows, columns = np.nonzero(near & ~inside)
     steps = (np.arange(_SUPERSAMPLE) + 0.5) / _SUPERSAMPLE
     within = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     pixels = np.stack([columns, rows], axis=1)[:, None] + within

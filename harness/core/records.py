@@ -494,10 +494,10 @@ def _unread(document: Mapping[str, Any], whole: Collection[str]) -> Record | Non
             "dataset": str(dataset),
             "subject": str(subject),
         } if method not in whole and all(map(is_name, (method, dataset, subject))):
-            about = MethodInfo(method, method)
-            stamps = ProtocolStamp("", None, ""), CaptureStamp()
-            return Record("", about, dataset, subject, "", *stamps, 0, "missing", "not read")
-    return None
+            rest = "", ProtocolStamp("", None, ""), CaptureStamp(), 0, "missing", "not read"
+            return Record("", MethodInfo(method, method), dataset, subject, *rest)
+        case _:
+            return None
 
 
 def _digest(document: Mapping[str, Any]) -> str:
