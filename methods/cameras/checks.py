@@ -8,6 +8,7 @@ import numpy as np
 
 from harness.core.arrays import Floats
 from harness.core.errors import MethodError
+from harness.geometry.coinciding import components
 from methods.cameras.adjustment import Rig, Rows, Solved
 from methods.cameras.landmarks import landmark_spans
 from methods.cameras.matches import (
@@ -157,13 +158,9 @@ def check_matches(rig: Rig, matches: Matches) -> tuple[str, ...]:
 
 def _joined(views: int, counts: Mapping[tuple[int, int], int]) -> int:
     """Into how many groups of views matches join them."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     pairs = [pair for pair, count in counts.items() if count >= LEAST_MATCHES]
-    ends = np.array(pairs, dtype=np.int32).reshape(-1, 2).T
-    joins = coo_array((np.ones(len(pairs)), tuple(ends)), shape=(views, views))
-    return int(connected_components(joins, directed=False)[0])
+    ends = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return int(components(views, *ends).max()) + 1
 
 
 def swayed(rig: Rig, matches: Matches) -> tuple[float, float]:

@@ -100,7 +100,7 @@ def wobbling(photo: PhotoView, seed: int, amplitude_px: float) -> PhotoView:
 
 @pytest.mark.nightly
 def test_noisy_outlines_leave_no_photo_out_and_one_wrong_one_does(taken):
-    """All of them miss alike by more than outlines of one person do; a shifted one alone does."""
+    """All miss alike, by more than exact ones do; one that is too wide makes most of it alone."""
     photos = tuple(wobbling(photo, n, 1.2) for n, photo in enumerate(taken.photos))
     rng = np.random.default_rng(0)
 
